@@ -106,8 +106,8 @@ class Frozen:
     """Distinguishes a frozen sensor from a quantised or noise-free signal that stands still.
 
     A run of equal samples is suspicious only if the signal was noisy before, with changes of the
-    size of the sensor's expected noise, and only if the run is longer than the observed share of
-    equal neighbours makes likely.
+    size of the sensor's expected noise, and only if the run is longer than the share of equal
+    neighbours makes likely: the observed one, or that in the middle of a step of the resolution.
     """
 
     def __init__(self) -> None:
@@ -118,6 +118,7 @@ class Frozen:
         self._equal = 0.0
         self._reversed = 0.0
         self._change = 0.0  # mean, of neighbours that differ
+        self._step = math.inf  # smallest change: the resolution, if the sensor is quantised
 
     def update(self, value: float, samples: int, noise: float = 0.0) -> bool:
         """Take the next sample; return whether the sensor is frozen.
@@ -128,11 +129,11 @@ class Frozen:
         last = self._last
         if abs(value - last) <= _ROUNDING * abs(value):
             self._run += 1
-            return self._change >= _QUIET_SHARE * noise and self._is_frozen(samples)
+            return self._change >= _QUIET_SHARE * noise and self._is_frozen(samples, noise)
         # A run of equal samples is learnt only after its end, and not if it was a freeze, which
         # must not pass for a normal standstill later.
         if self._run:
-            if not self._is_frozen(samples):
+            if not self._is_frozen(samples, noise):
                 for _ in range(min(self._run, _MEMORY)):
                     self._equal += (1.0 - self._equal) * self._weight()
             self._run = 0
@@ -142,6 +143,7 @@ class Frozen:
             self._equal -= self._equal * weight
             self._reversed += ((rising != self._rising) - self._reversed) * weight
             self._change += (abs(value - last) - self._change) * weight
+            self._step = min(self._step, abs(value - last))
         self._rising, self._last = rising, value
         return False
 
@@ -159,7 +161,7 @@ class Frozen:
             self._count += 1
         return 1.0 / self._count
 
-    def _is_frozen(self, samples: int) -> bool:
+    def _is_frozen(self, samples: int, noise: float) -> bool:
         if (
             not samples
             or self._run < samples - 1
@@ -173,7 +175,11 @@ class Frozen:
         likely = max(self._equal, 1.0 / self._count)
         deviation = math.sqrt(likely * (1.0 - likely) / (2.0 * self._count))
         share = min(likely + _DEVIATIONS * deviation, _LARGEST_SHARE)
-        return self._run >= math.log(_CHANCE) / math.log(share)
+        # What was learnt at the edge between two steps does not hold in the middle of one: there a
+        # sample changes only if the noise exceeds half a step.
+        if noise > 0.0:
+            share = max(share, math.erf(self._step / (math.sqrt(8.0) * noise)) ** 2)
+        return share < 1.0 and self._run >= math.log(_CHANCE) / math.log(share)
 
 
 class SensorValidity:

@@ -186,6 +186,29 @@ def test_quantised_noise_is_no_freeze_in_an_hour(quantum):
     assert not any(frozen.update(value, 10) for value in noisy(36_000, quantum))
 
 
+def drifting(quantum, noise, seed):
+    """An hour of a temperature that wanders slowly by 2 degC through steps of the resolution."""
+    generator = random.Random(seed)
+    true_c = (816.4 + 2.0 * math.sin(k / 400.0) for k in range(36_000))
+    return [round((one + generator.gauss(0.0, noise)) / quantum) * quantum for one in true_c]
+
+
+@pytest.mark.parametrize("quantum", [0.3, 1.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_steps_coarser_than_the_noise_are_no_freeze(quantum, seed):
+    """What is learnt at the edge of a step does not hold in its middle."""
+    frozen = Frozen()
+    assert not any(frozen.update(value, 10, 0.1) for value in drifting(quantum, 0.1, seed))
+
+
+@pytest.mark.requirement("S8")
+@pytest.mark.parametrize(("quantum", "latest"), [(0.01, 10), (0.1, 25), (0.2, 60), (0.3, 140)])
+def test_freeze_in_steps_is_found_where_noise_would_show(quantum, latest):
+    frozen, values = Frozen(), drifting(quantum, 0.1, 5)[:2000]
+    assert not any(frozen.update(value, 10, 0.1) for value in values)
+    assert [frozen.update(values[-1], 10, 0.1) for _ in range(400)].index(True) < latest
+
+
 def test_still_or_smooth_signals_without_noise_are_no_freeze():
     frozen = Frozen()
     still = [2.66] * 500
