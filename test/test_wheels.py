@@ -2,9 +2,7 @@
 
 import os
 import subprocess
-import sys
 import tomllib
-import venv
 import zipfile
 from pathlib import Path
 
@@ -12,6 +10,7 @@ import npm_packages
 import pytest
 
 import fsw
+from fsw_test_support import doc_blocks
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 
@@ -49,31 +48,29 @@ def test_every_package_is_in_its_wheel(project, folder, without):
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_wheels_weld_in_an_empty_environment(tmp_path):
-    wheels, home, place = (tmp_path / name for name in ("wheels", "env", "place"))
-    place.mkdir()
-    script = WORKSPACE / "scripts" / "build_wheels.py"
-    run(sys.executable, script, "--host", "--out", wheels, cwd=place, **os.environ)
-    (wheel,) = wheels.glob("fsw_control*.whl")
+def test_wheels_weld_in_an_empty_environment(tmp_path, monkeypatch):
+    """Installed as the page says, then with extras, and where there is no compiler."""
+    locks = (f"{name}.lock" for name in ("runtime", "gym", "signing", "pdf"))
+    constraints = (str(WORKSPACE / "requirements" / lock) for lock in locks)
+    monkeypatch.setenv("PIP_CONSTRAINT", " ".join(constraints))
+    with doc_blocks.Page(WORKSPACE / "docs" / "how-to" / "install.md", tmp_path) as page:
+        for block in page.blocks:
+            assert page.run(block) == "", block
+    wheels, programs, place = page.folder / "out" / "dist", page.folder / "weld" / "bin", tmp_path
+    (wheel,) = wheels.glob("fsw_control*x86_64.whl")
     with zipfile.ZipFile(wheel) as content:
         files = {f"fsw_{name}/_kernel.so" for name in ("nmpc", "decentral", "plant")}
         if npm_packages.UPLOT.is_dir():  # npm and its registry were there
             files.add("fsw_hmi/page/uplot/uPlot.iife.min.js")
         assert files <= set(content.namelist())
-    venv.EnvBuilder(with_pip=True).create(home)
-    pip = [home / "bin" / "pip", "install", "-q", "--only-binary", ":all:", "--find-links", wheels]
-    locks = [
-        word
-        for name in ("runtime", "gym", "signing", "pdf")
-        for word in ("-c", WORKSPACE / "requirements" / f"{name}.lock")
-    ]
+    pip = [programs / "pip", "install", "-q", "--only-binary", ":all:", "--find-links", wheels]
     # only what is imported is compiled, then
     environment = {**os.environ, "PIP_NO_COMPILE": "1"}
-    run(*pip, *locks, "fsw-lab[gym]", "fsw-quality[pdf]", cwd=place, **environment)
+    run(*pip, "fsw-lab[gym]", "fsw-quality[pdf]", cwd=place, **environment)
 
     def command(*words):
         return run(
-            home / "bin" / "fsw", *words, cwd=place, HOME=str(place), PATH="/nowhere"
+            programs / "fsw", *words, cwd=place, HOME=str(place), PATH="/nowhere"
         )  # no compiler there
 
     assert command("--version") == f"fsw-control {fsw.__version__}\n"
@@ -81,10 +78,9 @@ def test_wheels_weld_in_an_empty_environment(tmp_path):
     assert not list((place / ".cache").rglob("*.so"))  # the library was that of the wheel
     weld = "gymnasium.make('fsw_lab.weld_env:fsw/Weld-v0', scenario='quick')"
     env = f"import gymnasium; print({weld}.reset(seed=1)[0].shape)"
-    assert run(home / "bin" / "python", "-c", env, cwd=place, HOME=str(place)) == "(7,)\n"
-    command("demo", "--scenario", "quick", "--controller", "decentral", "--out", "welded")
-    written = {path.name for path in (place / "welded" / "quick").iterdir()}
-    assert written == {"kpi.json", "kpi.md", "overview.png"}
+    assert run(programs / "python", "-c", env, cwd=place, HOME=str(place)) == "(7,)\n"
+    (welded,) = page.folder.glob("out/*_demo/quick")
+    assert {path.name for path in welded.iterdir()} == {"kpi.json", "kpi.md", "overview.png"}
     assert "copper_lid" in command("record", "--help") and "--evaluations" in command(
         "tune", "--help"
     )

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from fsw.command import FORCE, FORMAT_BESIDE, command, file, option, switch
-from fsw.console import ProgressBar, program
-from fsw.errors import CommandError
+from fsw.console import ProgressBar
+from fsw.errors import CommandError, program
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED, trusted_keys
 from fsw.outputs import check_new, default_folder
 from fsw_control.schema.extensions import Extra

@@ -10,8 +10,7 @@ from typing import Any
 
 import yaml
 
-from fsw.console import program
-from fsw.errors import CommandError
+from fsw.errors import CommandError, program
 from fsw_control.schema.extensions import Extra
 from fsw_control.schema.ranges import Range
 from fsw_control.schema.yaml_text import load_yaml

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 from rich.console import Console
 from rich.progress import (
@@ -77,8 +75,3 @@ def print_table(
     with console.capture() as captured:
         console.print(table)
     print("\n".join(line.rstrip() for line in captured.get().splitlines()))
-
-
-def program() -> str:
-    """Program name: ``fsw`` if the package is installed, ``fsw.py`` in the repository."""
-    return "fsw" if Path(sys.argv[0]).name == "fsw" else "fsw.py"

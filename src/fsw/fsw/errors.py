@@ -9,13 +9,11 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
-from fsw.console import program
 from fsw.middleware import HOW, middleware_is_here
-from fsw_analysis.kpi import KpiError
 from fsw_control.free_domain import NoFreeDomainError
-from fsw_control.schema.models import InputError
-from fsw_model import OperatingPointError
+from fsw_control.schema.errors import InputError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError
 
@@ -24,19 +22,15 @@ class CommandError(Exception):
     """A command cannot be run; the text says what, where and what to do."""
 
 
-SHOWN = (
-    CommandError,
-    InputError,
-    OperatingPointError,
-    BagError,
-    KpiError,
-    LaunchError,
-    NoFreeDomainError,
-)
-
+SHOWN = (CommandError, InputError, BagError, LaunchError, NoFreeDomainError)
 
 #: what is left to do when a command has ended, in whatever way
 AT_END: list[Callable[[], None]] = []
+
+
+def program() -> str:
+    """Program name: ``fsw`` if the package is installed, ``fsw.py`` in the repository."""
+    return "fsw" if Path(sys.argv[0]).name == "fsw" else "fsw.py"
 
 
 def _said(error: BaseException) -> str:

@@ -8,8 +8,8 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 
-from fsw.console import print_table, program
-from fsw.errors import CommandError
+from fsw.console import print_table
+from fsw.errors import CommandError, program
 from fsw.graph import CLEAR
 from fsw.operator_node import ask, graph_text, operator
 from fsw_control import messages_ros as convert

@@ -11,10 +11,9 @@ from typing import Any
 
 from fsw import __version__, missing
 from fsw.command import Command, as_typed
-from fsw.console import program
-from fsw.errors import exit_code
+from fsw.errors import exit_code, program
+from fsw_control.schema.errors import InputError
 from fsw_control.schema.extensions import extensions, loaded
-from fsw_control.schema.models import InputError
 
 #: entry points: modules that declare commands, by their first word; a suffix after a dot only
 #: distinguishes them

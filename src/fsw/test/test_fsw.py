@@ -441,7 +441,11 @@ def test_a_command_imports_nothing_of_others_and_no_extra_is_needed_for_help():
 import subprocess
 import sys
 from pathlib import Path
-from fsw.main import parser
+from fsw.main import main, parser
+try:
+    main(["--version"])
+except SystemExit:
+    assert not {"numpy", "pydantic", "rich"} & sys.modules.keys()
 parser("fsw.py", "status").parse_args(["status", "--timeout", "1"])
 assert not {"matplotlib", "scipy.signal", "rclpy"} & sys.modules.keys()
 extras = "skfem meshio distributed pyarrow cryptography fpdf shtab gymnasium pandas xarray asyncua"

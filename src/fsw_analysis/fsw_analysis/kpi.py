@@ -9,6 +9,7 @@ import numpy as np
 
 from fsw_analysis.changes import Change, changes
 from fsw_analysis.weld_signals import FloatArray, TruthSignals, WeldSignals
+from fsw_control.schema.errors import InputError
 
 #: Dead-bands of the paper's controller, section IV.
 DEAD_BAND_DEPTH_MM = 0.002
@@ -37,10 +38,6 @@ _COUPLING = (
 )
 
 
-class KpiError(ValueError):
-    """The signals are not enough to compute figures of merit."""
-
-
 def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
     """Figures of merit of one run.
 
@@ -62,11 +59,11 @@ def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
 
     Raises
     ------
-    KpiError
+    InputError
         With fewer than two ticks.
     """
     if signals.n_ticks < 2:
-        raise KpiError(
+        raise InputError(
             f"{signals.path}: has {signals.n_ticks} ticks; figures of merit need at least 2"
         )
     dt = np.diff(

@@ -11,6 +11,7 @@ from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.changes import changes, cut_to_scenario, missing_at_end_s
 from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import StatusSignals, TruthSignals, WeldSignals, experiment_time_s
+from fsw_control.schema.errors import InputError
 
 N = 1000
 
@@ -189,7 +190,7 @@ def test_missing_values_are_counted_not_guessed():
 
 
 def test_too_short_a_weld_is_an_error():
-    with pytest.raises(kpi.KpiError, match="at least 2"):
+    with pytest.raises(InputError, match="at least 2"):
         kpi.compute(signals(n=1))
 
 

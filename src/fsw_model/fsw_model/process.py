@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fsw_control.schema.errors import InputError
 from fsw_control.schema.extensions import Extra
 from fsw_model import equations
 from fsw_model.equations import STEP_S
@@ -24,7 +25,7 @@ Power = tuple[float, float, float, float]
 _CASADI = Extra("fsw-control", "science", ("casadi",))
 
 
-class OperatingPointError(ValueError):
+class OperatingPointError(InputError):
     """No equilibrium at the desired depth and temperature, or the shoulder has left the copper."""
 
 

@@ -39,10 +39,10 @@ class PlantServices:
         try:
             fact, response.ok = act(), True
             self._logger.info(f"{what}: {fact.words}")
-        except InputError as error:
-            fact, response.ok = Fact.of(Done.INVALID, error=error), False
         except OperatingPointError as error:
             fact, response.ok = Fact.of(Done.NO_EQUILIBRIUM, error=error), False
+        except InputError as error:
+            fact, response.ok = Fact.of(Done.INVALID, error=error), False
         response.code, response.message = str(fact.code), fact.words
 
     def _on_set_disturbance(

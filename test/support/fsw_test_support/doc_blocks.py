@@ -36,7 +36,7 @@ WORKSPACE = Path(__file__).resolve().parents[3]
 #: what commands name by its path in the workspace; all else is written into the page's folder
 LINKED = ("scripts", "src", "lab", "quality", "test", "examples", "benchmarks", "requirements")
 _COMMAND = re.compile(
-    r"(\S*/)?(python3?|fsw|pip) |\S*/\S+\.py |(sed|echo|head|ros2|rosdep|colcon|fsw\.py) "
+    r"(\S*/)?(python3?|fsw|pip) |\S*/\S+\.py |(sed|echo|head|env|cmake|ros2|rosdep|colcon|fsw\.py) "
 )
 _BLOCK = re.compile(
     r"^(?:<!-- (?P<mark>checked by: [^\n]*?|takes minutes|stays up, ready: [^\n]*?) -->\n)?"
@@ -143,11 +143,42 @@ def blocks(path: Path) -> list[Block]:
     return result
 
 
-def pages() -> list[Path]:
-    """Pages with blocks to run; the gallery's have a test of their own, results are generated."""
+def pages(kind: str | None = None) -> list[Path]:
+    """Pages with blocks; the gallery's have a test of their own, results are generated.
+
+    Of a kind only those with blocks to run: ``graph`` where nodes stay up, ``series`` of those who
+    share its welds, else an empty text.
+    """
     written = [WORKSPACE / "README.md", *sorted((WORKSPACE / "docs").rglob("*.md"))]
     others = {"gallery", "results"}
-    return [path for path in written if not others & {*path.parts} and blocks(path)]
+    found = [path for path in written if not others & {*path.parts} and blocks(path)]
+    return found if kind is None else [path for path in found if _kind(chosen(path)) == kind]
+
+
+def _kind(of_page: list[Block]) -> str | None:
+    if any(block.ready for block in of_page):
+        return "graph"
+    if any("$SHARED/series" in block.code for block in of_page):
+        return "series"
+    return "" if any(not block.file for block in of_page) else None
+
+
+def chosen(path: Path) -> list[Block]:
+    """The blocks of a page that run; with ``FSW_ALL_BLOCKS`` also those that take minutes."""
+    every = "FSW_ALL_BLOCKS" in os.environ
+    return [
+        block
+        for block in blocks(path)
+        if not block.mark or block.ready or (every and not block.checked_by)
+    ]
+
+
+def run(path: Path, root: Path) -> None:
+    """Run a page's blocks in a folder; an assertion fails where one does not end as shown."""
+    with Page(path, root) as page:
+        for block in chosen(path):
+            assert page.run(block) == "", block
+        assert page.end() == ""
 
 
 @contextmanager
