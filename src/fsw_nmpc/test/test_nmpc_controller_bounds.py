@@ -83,7 +83,7 @@ SANE = (2.66, 1052.0, 816.4, 78.4, 407.6, 78.4, 407.6, 2.7, 818.0, 0.1, (False, 
 @settings(deadline=None)
 @example([*[SANE] * 3, (*SANE[:4], 50970.0, *SANE[5:10], (True, False, True), [])])
 @given(st.lists(anything, max_size=25))
-def test_whatever_comes_the_command_is_inside_the_bounds(ticks):
+def test_any_input_keeps_the_command_within_the_bounds(ticks):
     """Any bits in any input, for many ticks; then sane ones find it within the bounds and a move, and soon well.
 
     After drives far out of their bounds that were said to be valid, the estimator needs two
