@@ -45,7 +45,7 @@ def file(tmp_path):
 def expected():
     """Rows of the whole campaign, run one after the other without Dask."""
     made = definition.read(yaml.safe_load(yaml.safe_dump(CAMPAIGN)))
-    labels = [one.label for one in made.entrants]
+    labels = [entrant.label for entrant in made.entrants]
     rows = run_batch(made.text, [(i, made.parameters(i), labels) for i in range(made.welds)])
     return [
         without_times(row)
@@ -114,7 +114,7 @@ def test_a_killed_worker_loses_nothing(file, tmp_path, expected):
 
 
 @pytest.mark.full
-def test_a_batch_that_ends_its_worker_again_and_again_is_told(file, tmp_path, monkeypatch):
+def test_batch_that_kills_its_worker_is_reported(file, tmp_path, monkeypatch):
     made = definition.load(file, welds=1)
     with engine.connect(None, 1) as client, Dataset(tmp_path / "out", made) as written:
         client.run_on_scheduler(
@@ -127,7 +127,7 @@ def test_a_batch_that_ends_its_worker_again_and_again_is_told(file, tmp_path, mo
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 @pytest.mark.full
-def test_a_killed_or_interrupted_client_goes_on_with_resume(file, tmp_path, expected, how):
+def test_resume_continues_after_a_killed_or_interrupted_client(file, tmp_path, expected, how):
     out = tmp_path / "out"
     log = tmp_path / "log"
     first = command(log, file, "--out", out, "--workers", 1)
@@ -135,8 +135,8 @@ def test_a_killed_or_interrupted_client_goes_on_with_resume(file, tmp_path, expe
     if how == signal.SIGINT:  # Ctrl-C reaches all processes
         os.killpg(first.pid, how)
         assert first.wait(PATIENCE_S) == 130
-        told = log.read_text()
-        assert told.splitlines()[-1].startswith("interrupted") and "Traceback" not in told
+        output = log.read_text()
+        assert output.splitlines()[-1].startswith("interrupted") and "Traceback" not in output
     else:
         first.kill()
         first.wait()

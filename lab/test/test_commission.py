@@ -133,8 +133,8 @@ def test_a_running_graph_is_commissioned_and_ctrl_c_aborts(graph, capsys):
     assert [done[name] for name in ("check", "experiment", "identify", "tune", "apply")] == [
         "done"
     ] * 5
-    found = ModelParameters.from_file(graph / "out" / "tuned" / "model.yaml")
-    assert found.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.2)
+    tuned_model = ModelParameters.from_file(graph / "out" / "tuned" / "model.yaml")
+    assert tuned_model.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.2)
     tuning = (graph / "out" / "tuned" / "decentral_conservative.yaml").read_text()
     assert tuning.startswith("# Origin: model.yaml, SHA-256 ")
     gains = yaml.safe_load(tuning)["fsw_decentral"]["ros__parameters"]

@@ -45,12 +45,12 @@ def weld_to_bag(folder, seed, events=()):
 
 
 @pytest.mark.slow
-def test_a_later_weld_takes_what_earlier_ones_taught(folder, capsys):
+def test_later_weld_uses_the_learnt_heat(folder, capsys):
     bags = [weld_to_bag(folder, seed) for seed in (1, 2)]
     assert main(["learn", *map(str, bags), "--type", "way"]) == 0
     profile = HeatProfile.from_file(folder / "way.heat.yaml")
     assert [source.weld for source in profile.welds] == ["C1", "C2"]
-    assert [source.sha256 for source in profile.welds] == [data_sha256(one) for one in bags]
+    assert [source.sha256 for source in profile.welds] == [data_sha256(bag) for bag in bags]
     model = ModelParameters.from_file(folder / "way.model.yaml")
     assert ThermalModel.of(model) == profile.model
     (folder / "way.yaml").write_text(yaml.safe_dump(WAY), encoding="utf-8")
@@ -75,7 +75,7 @@ def accept(bag):
 
 
 @pytest.mark.slow
-def test_an_accepted_weld_is_added_and_one_with_other_heat_is_not(folder, capsys):
+def test_accepted_weld_is_added_unless_its_heat_differs(folder, capsys):
     first, second, third = (weld_to_bag(folder, seed) for seed in (1, 2, 3))
     assert main(["learn", str(first), str(second), "--type", "way"]) == 0
     accept(third)
@@ -105,20 +105,22 @@ def test_an_accepted_weld_is_added_and_one_with_other_heat_is_not(folder, capsys
 
 
 @pytest.mark.slow
-def test_what_was_computed_holds_until_the_first_weld(folder):
+def test_computed_profile_is_used_until_the_first_weld(folder):
     drawn, first = (weld_to_bag(folder, seed) for seed in (1, 2))
     assert main(["learn", str(drawn), "--type", "way", "--computed"]) == 0
     before = HeatProfile.from_file(folder / "way.heat.yaml")
     accept(first)
     assert main(["learn", "--update", "way.heat.yaml", str(first)]) == 0
     after = HeatProfile.from_file(folder / "way.heat.yaml")
-    sources = [(one.weld, one.computed) for profile in (before, after) for one in profile.welds]
+    sources = [
+        (source.weld, source.computed) for profile in (before, after) for source in profile.welds
+    ]
     assert sources == [("C1", True), ("C2", False)]
     assert max(after.deviation_kw) < min(before.deviation_kw)
     assert after.model == before.model
 
 
-def test_a_weld_without_a_way_teaches_nothing(folder, capsys):
+def test_weld_without_a_path_cannot_be_learnt(folder, capsys):
     assert main(["learn", str(GOLDEN / "reference_tracking"), "--type", "way"]) == 1
     assert "path" in capsys.readouterr().err
     assert not list(folder.iterdir())

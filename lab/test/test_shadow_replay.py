@@ -25,12 +25,14 @@ def in_namespace(source: Path, target: Path) -> Path:
     with BagReader(source) as reader, BagWriter(target) as writer:
         for topic in reader.topics().values():
             writer.add_topic(replace(topic, name=renamed(topic.name)))
-        for one in reader.attachments():
-            name = one.name.replace(
+        for attachment in reader.attachments():
+            name = attachment.name.replace(
                 "parameters/", f"parameters/{SPACE.strip('/').replace('/', '.')}."
             )
             writer.attach(
-                name, one.media_type, one.data.replace(b"/fsw_", f"{SPACE}/fsw_".encode())
+                name,
+                attachment.media_type,
+                attachment.data.replace(b"/fsw_", f"{SPACE}/fsw_".encode()),
             )
         for record in reader.records():
             writer.write(
@@ -76,7 +78,7 @@ def test_recorded_controller_proposes_again_what_it_proposed(
     assert main(["bag", "verify", str(tmp_path / "shadow")]) == 0
 
 
-def test_another_tuning_is_told_from_what_was_applied(
+def test_replay_with_another_tuning_reports_differences(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     report = shadow(tmp_path, "--parameter", "tuning=tight")

@@ -140,8 +140,15 @@ def live(weld: WeldSignals, book: RuleBook) -> LiveWeld:
 
 def outside(account: Account | Record) -> list[tuple[Any, ...]]:
     return [
-        (one.kind, one.variable, one.begin_s, one.samples, one.missing, one.beyond)
-        for one in account.exceedances
+        (
+            exceedance.kind,
+            exceedance.variable,
+            exceedance.begin_s,
+            exceedance.samples,
+            exceedance.missing,
+            exceedance.beyond,
+        )
+        for exceedance in account.exceedances
     ]
 
 
@@ -168,15 +175,22 @@ def test_record_and_pages_say_the_same_of_a_weld(
         (recorded["level"] == "good") == (frame["level"] == "good") == (verdict is Verdict.ACCEPT)
     )
     of_record = [
-        (one.kind, one.variable, one.begin_s, one.samples, one.missing, one.beyond)
-        for one in record.exceedances
+        (
+            exceedance.kind,
+            exceedance.variable,
+            exceedance.begin_s,
+            exceedance.samples,
+            exceedance.missing,
+            exceedance.beyond,
+        )
+        for exceedance in record.exceedances
     ]
     assert outside(running) == of_record and recorded["marks"] == frame["marks"]
     assert len(recorded["marks"]) == len(of_record) + len(record.unusable_at)
     assert ("frozen" in {one.flaw for one in record.unusable_at}) == (spoil is frozen)
-    own = {(one.name, one.subject, str(one.data)): one.verdict for one in record.rules}
+    own = {(rule.name, rule.subject, str(rule.data)): rule.verdict for rule in record.rules}
     assert {
-        (one.name, one.subject, str(one.data)): one.verdict for one in running.rules
+        (rule.name, rule.subject, str(rule.data)): rule.verdict for rule in running.rules
     }.items() <= own.items()
 
 

@@ -57,8 +57,8 @@ def schema(campaign: Campaign) -> pa.Schema:
     types = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: _TEXT}
     columns += [("plant.seed", pa.int64())]
     columns += [
-        (path, types[type(one.extremes[0])])
-        for path, one in campaign.distributions.items()
+        (path, types[type(distribution.extremes[0])])
+        for path, distribution in campaign.distributions.items()
         if path != "plant.seed"
     ]
     columns += [("status", _TEXT), ("reason", pa.string()), ("inside", pa.bool_())]
@@ -154,12 +154,12 @@ class Dataset:
 
     def missing(self) -> list[tuple[int, list[str]]]:
         """Welds that are still to be run: number, and labels of the controllers."""
-        labels = [one.label for one in self.campaign.entrants]
-        found = (
+        labels = [entrant.label for entrant in self.campaign.entrants]
+        by_weld = (
             (i, [label for label in labels if (i, label) not in self.done])
             for i in range(self.campaign.welds)
         )
-        return [(index, left) for index, left in found if left]
+        return [(index, left) for index, left in by_weld if left]
 
     def write(self, rows: Sequence[Row]) -> None:
         """Add rows, as a file that appears complete."""

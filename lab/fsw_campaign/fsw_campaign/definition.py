@@ -46,7 +46,7 @@ _NOT_DRAWN = ("name", "description", "controller", "figures")
 ERRORS = {"depth_error_mm": "depth_mm", "temperature_error_c": "temperature_c"}
 SIGNALS = (
     *ERRORS,
-    *(one.name for one in fields(TruthSignals) if re.search(r"_(mm|c|kn|rpm|nm|kw)$", one.name)),
+    *(row.name for row in fields(TruthSignals) if re.search(r"_(mm|c|kn|rpm|nm|kw)$", row.name)),
 )
 
 
@@ -138,7 +138,7 @@ class Campaign(Model):
     @model_validator(mode="after")
     def _check(self) -> Campaign:
         assert self.book
-        if len({one.label for one in self.entrants}) < len(self.entrants):
+        if len({entrant.label for entrant in self.entrants}) < len(self.entrants):
             raise ValueError("needs a different label for each controller")
         for path in self.distributions:
             if path.partition(".")[0] in _NOT_DRAWN:
@@ -153,7 +153,7 @@ class Campaign(Model):
     @property
     def digest(self) -> str:
         """Digest of all that decides the results, users' controllers included, but for our software."""
-        own = (source_of(one.controller) for one in self.entrants)
+        own = (source_of(entrant.controller) for entrant in self.entrants)
         return hashlib.sha256(b"".join([self.text.encode(), *own])).hexdigest()[:16]
 
     @cached_property
@@ -259,8 +259,8 @@ def _check_welds(campaign: Campaign, where: str) -> None:
             campaign.controllers(campaign.weld({}, entrant), entrant)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
-    for path, one in campaign.distributions.items():
-        for value in one.extremes:
+    for path, distribution in campaign.distributions.items():
+        for value in distribution.extremes:
             try:
                 campaign.weld({path: value}, campaign.entrants[0])
             except InputError as error:

@@ -129,6 +129,6 @@ def weld_seed(seed: int, index: int) -> int:
 def values(distributions: Mapping[str, Distribution], shares: Iterable[float]) -> dict[str, Any]:
     """Values by path of one row of :func:`draw`."""
     return {
-        path: one.value(share)
-        for (path, one), share in zip(distributions.items(), shares, strict=True)
+        path: distribution.value(share)
+        for (path, distribution), share in zip(distributions.items(), shares, strict=True)
     }

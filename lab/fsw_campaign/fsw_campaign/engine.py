@@ -136,13 +136,13 @@ def run(dataset: Dataset, client: Client, progress: Callable[[int], None] | None
         for future in under_way:
             task = sent.pop(future.key)
             # the scheduler may be lost at any moment, and a future cancelled between two queries
-            found = (
+            batch = (
                 _failed(future.exception(), task) if future.status == "error" else future.result()
             )
             del future
-            rows += found
-            finished += len(found)
-            tasks.learn(found, threads)
+            rows += batch
+            finished += len(batch)
+            tasks.learn(batch, threads)
             send()
             if time.monotonic() > written_s + _WRITE_S:
                 dataset.write(rows)

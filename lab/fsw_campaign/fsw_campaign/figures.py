@@ -74,19 +74,19 @@ def ratios(
 
 def times_outside(results: Results, beside: Path | None = None) -> bytes | None:
     """Distributions of the time outside each limit that any weld leaves; None if there is none."""
-    found = {
+    times_of = {
         signal: [results.numbers(f"outside_{signal}_s", label) for label in results.labels]
         for signal in results.campaign.limits
     }
-    signals = [signal for signal, times in found.items() if np.max(times) > 0.0]
+    signals = [signal for signal, times in times_of.items() if np.max(times) > 0.0]
 
     def draw(axes: Axes, i: int) -> None:
         signal = signals[i]
         at_most_s = results.campaign.limits[signal].at_most_s
         looks = looks_of(results.labels)
-        for label, times, look in zip(results.labels, found[signal], looks, strict=True):
+        for label, times, look in zip(results.labels, times_of[signal], looks, strict=True):
             _steps(axes, times, label, look)
-        shown_s = max(_WIDEST * at_most_s, float(np.quantile(found[signal], _SHOWN_SHARE)))
+        shown_s = max(_WIDEST * at_most_s, float(np.quantile(times_of[signal], _SHOWN_SHARE)))
         axes.set_xlim(0.0, shown_s or None)
         axes.axvline(at_most_s, color="0.4", lw=0.8)
         axes.set(title=signal, xlabel="time outside [s]", ylabel="welds up to [%]")
@@ -98,11 +98,11 @@ def times_outside(results: Results, beside: Path | None = None) -> bytes | None:
 def sensitivities(results: Results, beside: Path | None = None) -> bytes | None:
     """Rank correlations and first-order indices of the main figures; None where no parameter is a number."""
     cases = [(key, label) for key in MAIN for label in results.labels]
-    found = [results.sensitivities(key, label) for key, label in cases]
-    if not found[0]:
+    indices = [results.sensitivities(key, label) for key, label in cases]
+    if not indices[0]:
         return None
-    values = np.array([list(one.values()) for one in found]).T  # (2, parameters, cases)
-    names = [name.removeprefix("plant.") for name in found[0]]
+    values = np.array([list(case.values()) for case in indices]).T  # (2, parameters, cases)
+    names = [name.removeprefix("plant.") for name in indices[0]]
     bounds = results.chance
     titles = ("rank correlation", "share of the variance (first-order index)")
     rows = (names, [*names, "together"])

@@ -14,13 +14,13 @@ from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, Progres
 
 def progress(scenario: Scenario, signals: WeldSignals) -> list[Progress]:
     """Progress of the programme at each tick; the player gets thermocouple readings late."""
-    machine, found = PhaseMachine(scenario.phases), []
+    machine, reports = PhaseMachine(scenario.phases), []
     shown = signals.temperature_c.tolist()
     readings = [*shown[:1] * READING_AGE_TICKS, *shown]
     for tick in range(1, signals.n_ticks + 1):
         machine.follow(tick, readings[tick - 1])
-        found.append(machine.progress())
-    return found
+        reports.append(machine.progress())
+    return reports
 
 
 def with_programme(signals: WeldSignals, scenario: Scenario) -> WeldSignals:

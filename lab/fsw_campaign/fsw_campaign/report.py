@@ -57,15 +57,15 @@ def requirements_of(file: Path | None, columns: Sequence[str]) -> list[Requireme
         If it cannot be read or something in it is wrong.
     """
     path = file or _SHIPPED
-    found = validate(
+    rules = validate(
         _Requirements, {"limits": content_of(read_text(path, "limits"), str(path))}, str(path)
     ).limits
-    unknown = [column for one in found for column in one.limits if column not in columns]
+    unknown = [column for rule in rules for column in rule.limits if column not in columns]
     if unknown and file is not None:
         raise InputError(
             f"{file}: {unknown[0]} is not a figure of merit of this campaign; known: {', '.join(columns)}"
         )
-    return [one for one in found if not set(unknown) & one.limits.keys()]
+    return [rule for rule in rules if not set(unknown) & rule.limits.keys()]
 
 
 def figure_files(target: Path, ending: str | None) -> dict[str, Path | None]:
@@ -182,7 +182,7 @@ def _content(results: Results, requirements: Sequence[Requirement]) -> dict[str,
         "versions": list(
             zip(*np.unique(results.texts("versions"), return_counts=True), strict=True)
         ),
-        "limits": [_limit(signal, one) for signal, one in results.campaign.limits.items()],
+        "limits": [_limit(signal, limit) for signal, limit in results.campaign.limits.items()],
         "one_by_one": one_by_one,
         "chance": results.chance,
         "main": [ROWS[key] for key in MAIN],
@@ -211,8 +211,8 @@ def _best(results: Results) -> dict[str, Any] | None:
             label: 100 * results.inside[results.controller == label].mean()
             for label in results.labels
         }
-        inside = max(percent.items(), key=lambda one: one[1])
-    found = []
+        inside = max(percent.items(), key=lambda item: item[1])
+    medians_by_figure = []
     for key in MAIN:
         medians = {
             label: float(np.median(results.numbers(key, label))) for label in results.labels
@@ -221,7 +221,7 @@ def _best(results: Results) -> dict[str, Any] | None:
         worse = (
             results.ratio(key, second) > 1.0 if best == first else results.ratio(key, best) < 1.0
         )
-        found.append(
+        medians_by_figure.append(
             {
                 "figure": ROWS[key][0],
                 "label": best,
@@ -230,22 +230,22 @@ def _best(results: Results) -> dict[str, Any] | None:
                 "percent": 100 * np.mean(worse),
             }
         )
-    return {"inside": inside, "medians": found}
+    return {"inside": inside, "medians": medians_by_figure}
 
 
-def _words(one: Distribution) -> str:
-    if one.choice:
-        return f"one of {', '.join(map(str, one.choice))}"
-    mean = f", mean {one.normal.mean:g}, deviation {one.normal.deviation:g}" if one.normal else ""
-    low, high = one.bounds
-    return f"{one.kind}, {low:g} to {high:g}{mean}"
+def _words(law: Distribution) -> str:
+    if law.choice:
+        return f"one of {', '.join(map(str, law.choice))}"
+    mean = f", mean {law.normal.mean:g}, deviation {law.normal.deviation:g}" if law.normal else ""
+    low, high = law.bounds
+    return f"{law.kind}, {low:g} to {high:g}{mean}"
 
 
-def _limit(signal: str, one: Limit) -> str:
-    low = f"from {one.min:g} " if one.min is not None else ""
-    high = f"to {one.max:g}" if one.max is not None else ""
+def _limit(signal: str, limit: Limit) -> str:
+    low = f"from {limit.min:g} " if limit.min is not None else ""
+    high = f"to {limit.max:g}" if limit.max is not None else ""
     return f"`{signal}` {low}{high}".rstrip() + (
-        f", outside for at most {one.at_most_s:g} s" if one.at_most_s else ""
+        f", outside for at most {limit.at_most_s:g} s" if limit.at_most_s else ""
     )
 
 
@@ -271,11 +271,11 @@ def _inside(results: Results) -> list[list[str]]:
 def _one_by_one(results: Results, requirements: Sequence[Requirement]) -> list[list[str]]:
     """Share of the welds that keep each limit of the campaign, and each further one, alone."""
     own = [
-        (_limit(signal, one), {f"outside_{signal}_s": Bounds(max=one.at_most_s)})
-        for signal, one in results.campaign.limits.items()
+        (_limit(signal, limit), {f"outside_{signal}_s": Bounds(max=limit.at_most_s)})
+        for signal, limit in results.campaign.limits.items()
     ]
     rows, all_met = [], results.texts("status") == OK
-    for words, bounds in [*own, *((one.words, one.limits) for one in requirements)]:
+    for words, bounds in [*own, *((rule.words, rule.limits) for rule in requirements)]:
         met = results.meets(bounds)
         if met is not None:
             all_met &= met

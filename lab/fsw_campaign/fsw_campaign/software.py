@@ -32,6 +32,6 @@ def versions() -> str:
     except PackageNotFoundError:  # imported from the source tree
         own = "source"
     code = hashlib.sha256("".join(map(code_sha256, PACKAGES)).encode()).hexdigest()[:16]
-    found = {"fsw_control": own, "code": code}
-    found |= {name: version(name) for name in ("numpy", "casadi")} | {"python": python_version()}
-    return ", ".join(f"{name} {value}" for name, value in found.items())
+    parts = {"fsw_control": own, "code": code}
+    parts |= {name: version(name) for name in ("numpy", "casadi")} | {"python": python_version()}
+    return ", ".join(f"{name} {value}" for name, value in parts.items())

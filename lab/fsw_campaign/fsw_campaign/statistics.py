@@ -66,7 +66,7 @@ class Results:
     @cached_property
     def labels(self) -> list[str]:
         """Labels of the controllers, in the campaign's order."""
-        return [one.label for one in self.campaign.entrants if one.label in self.controller]
+        return [item.label for item in self.campaign.entrants if item.label in self.controller]
 
     @cached_property
     def complete(self) -> NDArray[np.int64]:
@@ -83,17 +83,16 @@ class Results:
         chosen = (self.controller == label) & np.isin(
             self.table["index"].to_numpy(), self.complete
         )
-        found = self.table[column].cast(pa.float64()).to_numpy()[chosen]
-        return np.asarray(found, dtype=np.float64)
+        return np.asarray(self.table[column].cast(pa.float64()).to_numpy()[chosen], np.float64)
 
     @property
     def columns(self) -> list[str]:
         """Columns with figures, on which limits may be set."""
         parameters = self.campaign.distributions
         return [
-            one.name
-            for one in self.table.schema
-            if pa.types.is_floating(one.type) and one.name not in parameters
+            column.name
+            for column in self.table.schema
+            if pa.types.is_floating(column.type) and column.name not in parameters
         ]
 
     @cached_property
@@ -103,13 +102,13 @@ class Results:
 
     def meets(self, bounds: Mapping[str, Bounds]) -> NDArray[np.bool_] | None:
         """Whether each row ended with figures within bounds, by column; None where no row has one of the figures."""
-        found = self.texts("status") == OK
-        for column, one in bounds.items():
+        met = self.texts("status") == OK
+        for column, bound in bounds.items():
             values = self.table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
             if not np.isfinite(values).any():
                 return None
-            found &= one.hold(values)
-        return np.asarray(found)
+            met &= bound.hold(values)
+        return np.asarray(met)
 
     def count(self, good: NDArray[np.bool_], label: str) -> tuple[int, int]:
         """How many rows of a controller are good, and how many there are."""
@@ -136,20 +135,20 @@ class Results:
 
         values = self.numbers(column, label)
         known = np.isfinite(values)
-        found = {}
-        for path, one in self.campaign.distributions.items():
-            if isinstance(one.extremes[0], str):
+        by_path = {}
+        for path, distribution in self.campaign.distributions.items():
+            if isinstance(distribution.extremes[0], str):
                 continue
             parameter = self.numbers(path, label)[known]
             varies = known.sum() > 2 and np.ptp(parameter) > 0.0 and np.ptp(values[known]) > 0.0
             correlation = (
                 float(spearmanr(parameter, values[known]).statistic) if varies else float("nan")
             )
-            found[path] = (
+            by_path[path] = (
                 correlation,
                 first_order(parameter, values[known]) if varies else float("nan"),
             )
-        return found
+        return by_path
 
     @property
     def chance(self) -> tuple[float, float]:
@@ -176,15 +175,15 @@ class Results:
                     (row[key] or 0.0) / m if m > 0.0 else 0.0
                     for key, m in zip(MAIN, medians[row["controller"]], strict=True)
                 ]
-                score, key = max(zip(ratios, MAIN, strict=True), key=lambda one: one[0])
+                score, key = max(zip(ratios, MAIN, strict=True), key=lambda pair: pair[0])
                 why = f"{ROWS[key][0]} {score:.2f} × median"
             scored.append((-score, row["index"], row["controller"], row, why))
-        scored.sort(key=lambda one: one[:3])
+        scored.sort(key=lambda entry: entry[:3])
         return [(row, why) for *_, row, why in scored[:WORST]]
 
     def command(self, row: Mapping[str, Any]) -> str:
         """Command that runs the weld of a row again."""
-        entrant = next(one for one in self.campaign.entrants if one.label == row["controller"])
+        entrant = next(item for item in self.campaign.entrants if item.label == row["controller"])
         return shlex.join(
             ["python3", "scripts/fsw.py", *arguments(self.folder, entrant, self.campaign, row)]
         )
@@ -199,17 +198,17 @@ def arguments(
     is_shipped = name in scenario_file.shipped() and campaign.scenario == scenario_file.content_of(
         scenario_file.text_of(name)
     )
-    found = [
+    words = [
         "simulate",
         name if is_shipped else str(folder / SCENARIO),
         "--controller",
         entrant.controller,
     ]
     for name, value in entrant.parameters.items():
-        found += ["--parameter", f"{entrant.name}.{name}={_yaml(value)}"]
+        words += ["--parameter", f"{entrant.name}.{name}={_yaml(value)}"]
     for path in paths:
-        found += ["--set", f"{path}={_yaml(row[path])}"]
-    return found
+        words += ["--set", f"{path}={_yaml(row[path])}"]
+    return words
 
 
 def _yaml(value: Any) -> str:

@@ -35,7 +35,7 @@ def _campaign(text: str) -> Campaign:
 @lru_cache(maxsize=32)
 def _controllers(text: str, label: str, names: tuple[str, ...]) -> dict[str, Controller]:
     campaign = _campaign(text)
-    entrant = next(one for one in campaign.entrants if one.label == label)
+    entrant = next(entrant for entrant in campaign.entrants if entrant.label == label)
     return campaign.controllers(campaign.weld({}, entrant), entrant)
 
 
@@ -52,7 +52,7 @@ def run_batch(
         Number of a weld, its parameters by path, and the labels of the controllers to run.
     """
     campaign = _campaign(text)
-    entrants = {one.label: one for one in campaign.entrants}
+    entrants = {entrant.label: entrant for entrant in campaign.entrants}
     gc.disable()  # a weld makes many objects and no reference cycles
     try:
         return [
@@ -104,15 +104,15 @@ def run_weld(
 
 def _figures(signals: WeldSignals) -> Row:
     """Figures of merit under names that do not depend on the controller."""
-    found = compute(signals)
+    figures = compute(signals)
     for key in ("label", "controllers", "outputs"):
-        del found[key]
+        del figures[key]
     selected = signals.command_source[0] if signals.n_ticks else ""
-    for key in [key for key in found if key.startswith("solve_time_")]:
-        value, prefix = found.pop(key), f"solve_time_{selected}_"
+    for key in [key for key in figures if key.startswith("solve_time_")]:
+        value, prefix = figures.pop(key), f"solve_time_{selected}_"
         if key.startswith(prefix):
-            found[f"solve_time_{key.removeprefix(prefix)}"] = value
-    return found
+            figures[f"solve_time_{key.removeprefix(prefix)}"] = value
+    return figures
 
 
 def _outside(signals: WeldSignals, name: str, limit: definition.Limit, row: Row) -> float:
@@ -126,5 +126,5 @@ def _outside(signals: WeldSignals, name: str, limit: definition.Limit, row: Row)
 def _signal(signals: WeldSignals, name: str) -> FloatArray:
     truth = getattr(signals.truth, ERRORS.get(name, name))
     reference = getattr(signals, f"reference_{ERRORS[name]}") if name in ERRORS else 0.0
-    found: FloatArray = truth - reference
-    return found
+    values: FloatArray = truth - reference
+    return values

@@ -44,7 +44,7 @@ def one(path, **entry):
     return {"distributions": {path: entry}}
 
 
-def test_a_folder_that_cannot_be_written(small, tmp_path):
+def test_unwritable_folder_is_refused(small, tmp_path):
     (tmp_path / "file").write_text("x")
     folder = tmp_path / "file" / "out"
     with pytest.raises(InputError, match=re.escape(str(folder))) as raised:
@@ -57,7 +57,7 @@ def test_shipped_campaigns_are_valid():
         assert definition.load(name).name == name
 
 
-def test_points_depend_on_seed_and_number_alone(tmp_path):
+def test_points_depend_only_on_seed_and_number(tmp_path):
     made, again = campaign(tmp_path), campaign(tmp_path)
     assert [made.parameters(i) for i in (2, 0)] == [again.parameters(2), again.parameters(0)]
     other = campaign(tmp_path, seed=4)
@@ -92,8 +92,8 @@ def test_samplers_fill_the_cube_evenly():
 )
 def test_quantiles_of_distributions(entry, quantiles):
     made = validate(Distribution, entry, "test")
-    found = [made.value(share) for share in (0.0, 0.25, 1.0)]
-    assert found == (quantiles if "choice" in entry else pytest.approx(quantiles))
+    quantile_values = [made.value(share) for share in (0.0, 0.25, 1.0)]
+    assert quantile_values == (quantiles if "choice" in entry else pytest.approx(quantiles))
 
 
 def test_a_weld_has_one_plant_and_one_noise_under_all_controllers(small):
@@ -108,8 +108,8 @@ def test_a_row_has_all_figures_of_merit(small):
     columns = set(dataset.schema(made).names)
     assert set(rows[0]) - columns == set()
     scenario = made.weld(made.parameters(0), made.entrants[0])
-    found = compute(ClosedLoop(scenario, made.controllers(scenario, made.entrants[0])).run())
-    for key, value in found.items():
+    figures = compute(ClosedLoop(scenario, made.controllers(scenario, made.entrants[0])).run())
+    for key, value in figures.items():
         if key not in ("label", "controllers", "outputs"):
             assert rows[0][key] == value, key
     assert {event for row in rows for entry in row["events"] for event in entry} <= {
@@ -176,7 +176,7 @@ def test_welds_are_judged_by_the_procedure(tmp_path, changes, verdict, rule):
     assert (row["status"], row["reason"], row["verdict"], row["rule"]) == ("ok", "", verdict, rule)
 
 
-def test_the_procedure_is_signed_as_it_has_to_be(tmp_path):
+def test_campaign_requires_the_signature_of_its_procedure(tmp_path):
     pytest.importorskip(
         "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
     )
@@ -219,12 +219,12 @@ def test_the_procedure_is_signed_as_it_has_to_be(tmp_path):
     assert caught.value.findings[0].code is Code.CONTENT_CHANGED
 
 
-def test_a_procedure_that_is_none_is_refused(tmp_path):
+def test_invalid_procedure_is_refused(tmp_path):
     with pytest.raises(InputError, match="procedure"):
         campaign(tmp_path, procedure={"id": "lid"})
 
 
-def test_what_cannot_be_welded_is_a_row(tmp_path):
+def test_failed_weld_is_a_row(tmp_path):
     made = campaign(tmp_path, **one("plant.start.temperature_c", uniform=[816.4, 1000.0]))
     hot = run_weld(
         made, 0, {"plant.seed": 1, "plant.start.temperature_c": 1000.0}, made.entrants[0]
@@ -278,7 +278,7 @@ def test_dataset_is_continued_and_others_are_refused(small, tmp_path):
         Dataset(folder, made, resume=True)
 
 
-def test_a_folder_of_something_else_is_left_alone(small, tmp_path):
+def test_foreign_folder_is_not_changed(small, tmp_path):
     (tmp_path / "precious").write_text("x")
     with pytest.raises(InputError, match=re.escape(str(tmp_path))):
         Dataset(tmp_path, small[0])
@@ -333,7 +333,7 @@ def test_first_order_index_of_known_functions():
     assert np.isnan(first_order(x[:60], x[:60]))
 
 
-def test_the_software_of_a_campaign_is_all_that_computes_a_weld():
+def test_digest_covers_all_packages_that_compute_a_weld():
     program = (
         "import sys; from fsw_campaign import definition, welds;"
         "made = definition.read({'name': 'a', 'scenario': {'name': 's', 'duration_s': 1.0}, 'welds': 1,"
@@ -342,13 +342,13 @@ def test_the_software_of_a_campaign_is_all_that_computes_a_weld():
         "assert [row['status'] for row in rows] == ['ok', 'ok'], rows;"
         "print(*(module.__file__ for name, module in sys.modules.items() if name.startswith('fsw_')))"
     )
-    found = subprocess.run(
+    ran = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     ).stdout.split()
     decides = {str(path) for package in software.PACKAGES for path in code_files(package)}
-    assert {*found} <= decides
+    assert {*ran} <= decides
 
 
-def test_code_decides_the_versions(monkeypatch):
+def test_versions_change_with_the_code(monkeypatch):
     monkeypatch.setattr(software, "code_sha256", lambda package: "0" * 64)
     assert software.versions.__wrapped__() != software.versions()

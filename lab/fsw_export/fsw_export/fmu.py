@@ -113,9 +113,9 @@ def _sources(content: Content) -> tuple[dict[str, str], str]:
 def _fmpy() -> Path:
     """Folder of fmpy, which brings the headers of the standard."""
     Extra("fsw-lab", "fmu", ("fmpy",)).need("fmpy, which brings the headers of FMI")
-    found = find_spec("fmpy")
-    assert found is not None and found.origin is not None
-    return Path(found.origin).parent
+    spec = find_spec("fmpy")
+    assert spec is not None and spec.origin is not None
+    return Path(spec.origin).parent
 
 
 def _native() -> tuple[list[str], str, str]:

@@ -124,7 +124,7 @@ def _content(
         real("applied_force_kn", _APPLIED.format("Force"), "kN", at["force_kn"]),
         real("applied_speed_rpm", _APPLIED.format("Speed"), "rpm", at["speed_rpm"]),
         boolean("applied_valid", _APPLIED_VALID, False),
-        *(output(one.name, _text(one), _unit(one), _TYPE[one.kind]) for one in library.outputs),
+        *(output(row.name, _text(row), _unit(row), _TYPE[row.kind]) for row in library.outputs),
         *parameters,
         *(
             replace(
@@ -154,9 +154,8 @@ def _text(source: Signal | str) -> str:
 
 
 def _unit(signal: Signal) -> str:
-    return (
-        "K" if signal.name == "temperature_offset_c" else signal.unit
-    )  # a difference: degC has its zero elsewhere
+    # a difference: degC has its zero elsewhere
+    return "K" if signal.name == "temperature_offset_c" else signal.unit
 
 
 def _input(signal: Signal, at: Mapping[str, float]) -> Variable:

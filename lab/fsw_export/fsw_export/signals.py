@@ -48,7 +48,7 @@ _INPUTS = (
 
 def _listed(values: Any, separator: str = ", ") -> str:
     """The values of an enumeration of the C header."""
-    return separator.join(f"{one.value} {one.name.lower().replace('_', ' ')}" for one in values)
+    return separator.join(f"{code.value} {code.name.lower().replace('_', ' ')}" for code in values)
 
 
 _COMMAND = (

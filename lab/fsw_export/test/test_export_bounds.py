@@ -43,7 +43,7 @@ def rows(signals, rng):
     "checks", [(), pytest.param(SANITIZE, marks=pytest.mark.full)], ids=["plain", "sanitizers"]
 )
 @pytest.mark.parametrize("name", ["nmpc", "decentral"])
-def test_whatever_comes_the_command_is_inside_the_bounds(name, checks, tmp_path, tmp_path_factory):
+def test_any_input_keeps_the_command_within_the_bounds(name, checks, tmp_path, tmp_path_factory):
     if checks and not has_sanitizers(tmp_path):
         pytest.skip("this compiler has no sanitizers")
     folder, objects = c_folder(tmp_path_factory, name), c_objects(tmp_path_factory, name, *checks)
@@ -68,8 +68,8 @@ def test_whatever_comes_the_command_is_inside_the_bounds(name, checks, tmp_path,
         check=True,
         timeout=100,
     )
-    told = list(csv.DictReader(ran.stdout.splitlines()))
-    assert len(told) == 600
-    for row in told:
+    answers = list(csv.DictReader(ran.stdout.splitlines()))
+    assert len(answers) == 600
+    for row in answers:
         assert 60.0 <= float(row["force_kn"]) <= 95.0 and 300.0 <= float(row["speed_rpm"]) <= 500.0
-    assert any(row["reason"] == "5" and row["healthy"] == "0" for row in told)
+    assert any(row["reason"] == "5" and row["healthy"] == "0" for row in answers)

@@ -63,7 +63,7 @@ def initialised(unit: Any, **parameters: Any) -> None:
 
 
 @pytest.mark.parametrize("name", fmu.UNITS)
-def test_fmpy_finds_no_problem(fmus: dict[str, Path], name: str) -> None:
+def test_fmpy_validates_every_fmu(fmus: dict[str, Path], name: str) -> None:
     assert fmpy.validation.validate_fmu(str(fmus[name])) == []
     model = fmpy.read_model_description(str(fmus[name]))
     assert all(v.description for v in model.modelVariables)
@@ -82,7 +82,7 @@ def test_the_example_runs_with_each_controller(fmus: dict[str, Path], controller
     assert float(ran.stdout.splitlines()[-1].split()[2]) == pytest.approx(2.76, abs=0.002)
 
 
-def test_units_are_those_of_the_project() -> None:
+def test_units_of_variables_match_the_project() -> None:
     assert UNITS["rpm"]["factor"] == units.rad_s_from_rpm(1.0)
     assert UNITS["kN"]["factor"] == units.n_from_kn(1.0)
     assert UNITS["mm"]["factor"] == units.m_from_mm(1.0)
@@ -101,7 +101,9 @@ def test_units_are_those_of_the_project() -> None:
         {"factors.dead_time_s": 0.1},
     ],
 )
-def test_plant_is_the_emulator(tmp_path: Path, running: Units, values: dict[str, float]) -> None:
+def test_plant_fmu_matches_the_emulator(
+    tmp_path: Path, running: Units, values: dict[str, float]
+) -> None:
     """Also with a start, drives and a sensor that are set as the FMU's parameters, and with all disturbances."""
     fmu.write(fmu.make(Choice("plant", values=values)), tmp_path / "plant.fmu")
     own = {"start.depth_mm": 2.8, "start.temperature_c": 820.0, "limits.force_rate_kn_per_s": 5.0}
@@ -149,7 +151,7 @@ def test_command_beyond_the_limits_is_clipped(fmus: dict[str, Path], running: Un
 
 
 @pytest.mark.parametrize("name", fmu.UNITS)
-def test_rewound_it_computes_the_same_bits(
+def test_restored_state_gives_the_same_bits(
     fmus: dict[str, Path], running: Units, name: str
 ) -> None:
     """Also another instance with a binary of its own, which is given the serialized state after the first has ended."""
@@ -160,8 +162,8 @@ def test_rewound_it_computes_the_same_bits(
     run(units, 0)
     states = {name: unit.fmu.getFMUstate() for name, unit in units.items()}
     first = run(units, 100)
-    for one, unit in units.items():
-        unit.fmu.setFMUstate(states[one])
+    for variable, unit in units.items():
+        unit.fmu.setFMUstate(states[variable])
     assert run(units, 100) == first
 
     saved = units[name].fmu.serializeFMUstate(states[name])
@@ -169,14 +171,14 @@ def test_rewound_it_computes_the_same_bits(
     running.end(units[name])
     units[name] = twin
     states[name] = twin.fmu.deSerializeFMUstate(saved)
-    for one, unit in units.items():
-        unit.fmu.setFMUstate(states[one])
-        unit.fmu.freeFMUstate(states[one])
+    for variable, unit in units.items():
+        unit.fmu.setFMUstate(states[variable])
+        unit.fmu.freeFMUstate(states[variable])
     assert run(units, 100) == first
 
 
 @pytest.mark.parametrize("name", fmu.UNITS)
-def test_a_damaged_state_is_refused_wherever_the_damage_is(
+def test_damaged_state_is_refused(
     fmus: dict[str, Path], running: Units, capfd: pytest.CaptureFixture[str], name: str
 ) -> None:
     unit = running.start(fmus[name])
@@ -200,9 +202,7 @@ def test_a_damaged_state_is_refused_wherever_the_damage_is(
     unit.fmu.freeFMUstate(unit.fmu.deSerializeFMUstate(saved))
 
 
-def test_instances_do_not_share_anything(
-    fmus: dict[str, Path], running: Units, tmp_path: Path
-) -> None:
+def test_instances_share_no_state(fmus: dict[str, Path], running: Units, tmp_path: Path) -> None:
     """Two of each in one binary, stepped in turn, one pair with another set-point."""
     pairs = []
     for name in ("plant", "nmpc"):
@@ -223,7 +223,7 @@ def test_instances_do_not_share_anything(
     assert still["plant"].get("depth_mm") == pytest.approx(2.66, abs=1e-4)
 
 
-def test_it_can_be_reset(fmus: dict[str, Path], running: Units) -> None:
+def test_reset_restores_the_start(fmus: dict[str, Path], running: Units) -> None:
     units = {name: running.start(fmus[name]) for name in ("plant", "nmpc")}
     units["nmpc"].set(reference_depth_mm=2.8)
     first = run(units, 0)
@@ -237,7 +237,7 @@ def test_it_can_be_reset(fmus: dict[str, Path], running: Units) -> None:
 
 
 @pytest.mark.parametrize("name", fmu.UNITS)
-def test_its_sources_are_complete(
+def test_exported_sources_are_complete(
     fmus: dict[str, Path], running: Units, tmp_path: Path, name: str
 ) -> None:
     """fmpy compiles them, in its own way, to a binary that computes the same."""
@@ -258,7 +258,7 @@ def test_its_sources_are_complete(
 
 
 @pytest.mark.parametrize("name", fmu.UNITS)
-def test_its_sources_are_strict_c99(fmus: dict[str, Path], tmp_path: Path, name: str) -> None:
+def test_exported_sources_are_strict_c99(fmus: dict[str, Path], tmp_path: Path, name: str) -> None:
     folder = Path(fmpy.extract(str(fmus[name]), str(tmp_path / name))) / "sources"
     for file in sorted(folder.glob("*.c")):
         built = compile_c(
@@ -278,11 +278,11 @@ def test_binary_for_another_platform(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
-def test_same_export_same_file(fmus: dict[str, Path], tmp_path: Path) -> None:
+def test_repeated_export_gives_the_same_file(fmus: dict[str, Path], tmp_path: Path) -> None:
     fmu.write(fmu.make(Choice("nmpc")), tmp_path / "again.fmu")
-    with zipfile.ZipFile(fmus["nmpc"]) as one, zipfile.ZipFile(tmp_path / "again.fmu") as again:
-        assert {name: one.read(name) for name in one.namelist()} == {
-            name: again.read(name) for name in again.namelist()
+    with zipfile.ZipFile(fmus["nmpc"]) as first, zipfile.ZipFile(tmp_path / "again.fmu") as second:
+        assert {name: first.read(name) for name in first.namelist()} == {
+            name: second.read(name) for name in second.namelist()
         }
 
 
@@ -363,24 +363,24 @@ ERRORS: list[tuple[str, Callable[[Any], object], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("name", "mistake", "told"), ERRORS, ids=[told for *_, told in ERRORS])
-def test_mistakes_are_told_in_one_line(
+@pytest.mark.parametrize(("name", "mistake", "words"), ERRORS, ids=[words for *_, words in ERRORS])
+def test_misuse_is_one_line(
     fmus: dict[str, Path],
     running: Units,
     capfd: pytest.CaptureFixture[str],
     name: str,
     mistake: Callable[[Any], object],
-    told: str,
+    words: str,
 ) -> None:
     unit = running.start(fmus[name])
     unit.fmu.doStep(0.0, 0.1)
     with pytest.raises(fmpy.fmi2.FMICallException):
         mistake(unit)
     lines = capfd.readouterr().out.splitlines()
-    assert len(lines) == 1 and told in lines[0]
+    assert len(lines) == 1 and words in lines[0]
 
 
-def test_after_a_mistake_it_goes_on(fmus: dict[str, Path], running: Units) -> None:
+def test_instance_works_after_misuse(fmus: dict[str, Path], running: Units) -> None:
     """A refused step changes nothing."""
     plant, other = (running.start(fmus["plant"]) for _ in range(2))
     for unit in (plant, other):
@@ -415,7 +415,7 @@ def test_description_of_another_fmu_is_refused(
     assert "guid" in capfd.readouterr().out
 
 
-def test_nmpc_without_sensors_holds_and_says_so(fmus: dict[str, Path], running: Units) -> None:
+def test_nmpc_without_sensors_holds_and_reports_it(fmus: dict[str, Path], running: Units) -> None:
     plant, nmpc = running.start(fmus["plant"]), running.start(fmus["nmpc"])
     run({"plant": plant, "nmpc": nmpc}, 0)
     nmpc.set(depth_fresh=False)
@@ -428,7 +428,9 @@ def test_nmpc_without_sensors_holds_and_says_so(fmus: dict[str, Path], running: 
     assert nmpc.get("force_kn") == force and nmpc.get("reason") == 4
 
 
-def test_controller_that_is_not_in_command_follows(fmus: dict[str, Path], running: Units) -> None:
+def test_controller_on_standby_follows_the_applied_command(
+    fmus: dict[str, Path], running: Units
+) -> None:
     """What is applied is another's command: the output is never more than a step away from it."""
     plant, nmpc = running.start(fmus["plant"]), running.start(fmus["nmpc"])
     nmpc.set(applied_valid=True, reference_depth_mm=2.9)
@@ -443,7 +445,7 @@ def test_controller_that_is_not_in_command_follows(fmus: dict[str, Path], runnin
 
 
 @pytest.mark.parametrize("name", ["nmpc", "decentral"])
-def test_whatever_comes_in_the_command_is_within_the_limits(
+def test_any_fmu_input_keeps_the_command_within_the_limits(
     fmus: dict[str, Path], running: Units, name: str
 ) -> None:
     unit = running.start(fmus[name])

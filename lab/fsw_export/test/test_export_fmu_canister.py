@@ -62,7 +62,7 @@ def running(tmp_path: Path) -> Iterator[Units]:
     units.end_all()
 
 
-def test_it_is_the_emulator_along_a_path(unit: Path, running: Units) -> None:
+def test_canister_fmu_matches_the_emulator_along_a_path(unit: Path, running: Units) -> None:
     """From the heating on; standing, on the way down, at two speeds, with a dead time of a broken number of steps."""
     assert fmpy.validation.validate_fmu(str(unit)) == []
     own = {"start.temperature_c": 800.0, "start.power_kw": 45.0}
@@ -89,18 +89,18 @@ def test_it_is_the_emulator_along_a_path(unit: Path, running: Units) -> None:
     assert np.ptp(seen) > 50.0
 
 
-def test_rewound_it_computes_the_same_bits(unit: Path, running: Units) -> None:
+def test_restored_state_gives_the_same_bits(unit: Path, running: Units) -> None:
     plant = running.start(unit)
 
     def run(begin: int) -> list[float]:
-        found = []
+        rows = []
         for tick in range(begin, begin + 20):
             plant.set(
                 speed_rpm=400.0 + tick, traverse_mm_per_min=40.0 * (tick % 3), axial_mm=60.0 - tick
             )
             plant.fmu.doStep(0.1 * tick, 0.1)
-            found.append(plant.get("copper_temperature_c"))
-        return found
+            rows.append(plant.get("copper_temperature_c"))
+        return rows
 
     run(0)
     state = plant.fmu.getFMUstate()
@@ -124,13 +124,13 @@ MISTAKES: list[tuple[Callable[[Any], object], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("mistake", "told"), MISTAKES, ids=[told for _, told in MISTAKES])
-def test_mistakes_are_told_in_one_line_and_change_nothing(
+@pytest.mark.parametrize(("mistake", "words"), MISTAKES, ids=[words for _, words in MISTAKES])
+def test_misuse_is_one_line_and_changes_nothing(
     unit: Path,
     running: Units,
     capfd: pytest.CaptureFixture[str],
     mistake: Callable[[Any], object],
-    told: str,
+    words: str,
 ) -> None:
     plant = running.start(unit)
     before = plant.get("copper_temperature_c")
@@ -138,14 +138,14 @@ def test_mistakes_are_told_in_one_line_and_change_nothing(
     with pytest.raises(fmpy.fmi2.FMICallException):
         plant.fmu.doStep(0.0, 0.1)
     lines = capfd.readouterr().out.splitlines()
-    assert len(lines) == 1 and told in lines[0]
+    assert len(lines) == 1 and words in lines[0]
     assert plant.get("copper_temperature_c") == before
 
 
-def test_a_start_that_is_not_reached_is_told(
+def test_unreachable_start_is_reported(
     unit: Path, running: Units, capfd: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(fmpy.fmi2.FMICallException):
         running.start(unit, **{"start.power_kw": 3.0})
-    told = capfd.readouterr().out.splitlines()
-    assert "3 kW" in told[0] and "start.power_kw" in told[0]
+    lines = capfd.readouterr().out.splitlines()
+    assert "3 kW" in lines[0] and "start.power_kw" in lines[0]

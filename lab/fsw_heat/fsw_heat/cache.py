@@ -62,18 +62,18 @@ def kept(
     """A reduction, a dataclass of arrays, from the cache or made now and kept; see ``reduced.load_or_reduce``."""
     given, shape = cache is not None and cache.suffix == ".npz", _shape(parameters, kind)
     path = cache if cache is not None and given else cache_path(parameters, cache, kind)
-    found = _read(path, kind, shape, refuse=given)
-    if found is None:
-        found = make()
+    reduction = _read(path, kind, shape, refuse=given)
+    if reduction is None:
+        reduction = make()
         try:
-            _write(path, found, shape)
+            _write(path, reduction, shape)
         except OSError as error:
             if progress:
                 progress(
                     1.0,
                     f"not kept for the next time: {path}: {error.strerror} (set XDG_CACHE_HOME)",
                 )
-    return found
+    return reduction
 
 
 def _read(path: Path, kind: type[Kind], shape: str, refuse: bool) -> Kind | None:

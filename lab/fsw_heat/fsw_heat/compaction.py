@@ -91,17 +91,17 @@ def _gramians(
         * _POWER_KW
         / (2.0 * pi * TYPICAL["rho_c"] * len(q.axial_mm) * len(tables) * len(_SPEEDS_MM_PER_S))
     )
-    products = scale * np.sum([one.T @ one for one in tables], axis=0)
+    products = scale * np.sum([table.T @ table for table in tables], axis=0)
     sums = decay[:, None] + decay
     apart, together = q.mode[:, None] - q.mode, q.mode[:, None] + q.mode
     even, odd = np.zeros_like(products), np.zeros_like(products)
     for speed in _SPEEDS_MM_PER_S:
-        one, other = (
+        slow, fast = (
             0.5 * products * sums / (sums**2 + (speed / radius_mm * m) ** 2)
             for m in (apart, together)
         )
-        even += one + other
-        odd += one - other
+        even += slow + fast
+        odd += slow - fast
     return even, odd
 
 

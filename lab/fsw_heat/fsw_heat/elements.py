@@ -124,8 +124,8 @@ class Elements:
         )
         open_to_air = self.mesh.facets_satisfying(self._open_to_air, boundaries_only=True)
 
-        def facets(found: Any) -> Any:
-            return FacetBasis(self.mesh, self.basis.elem, facets=found, intorder=8)
+        def facets(where: Any) -> Any:
+            return FacetBasis(self.mesh, self.basis.elem, facets=where, intorder=8)
 
         self.clamp = clamped.assemble(facets(outer)).tocsc()
         self.surface = mass.assemble(facets(open_to_air)).tocsc()
@@ -133,10 +133,10 @@ class Elements:
     def _open_to_air(self, x: Any) -> Any:
         """Outer surface, edge of the rim, its inside and the lid's top."""
         r, z = x
-        found = np.isclose(r, self.outer_m) | np.isclose(z, self.rim_m)
+        is_open = np.isclose(r, self.outer_m) | np.isclose(z, self.rim_m)
         if self._has_plate:
-            found |= (z > self._plate_m[1]) | np.isclose(z, self._plate_m[1])
-        return found
+            is_open |= (z > self._plate_m[1]) | np.isclose(z, self._plate_m[1])
+        return is_open
 
     def stiffness(self, mode: int) -> Any:
         """Conduction of a mode at k = 1."""
@@ -152,9 +152,7 @@ class Elements:
         """Sparse matrix from the unknowns of a mode to its values at n points; InputError for one off the copper."""
         from scipy.sparse import csr_matrix
 
-        r, z = (
-            np.ravel(np.asarray(one, dtype=np.float64)) for one in np.broadcast_arrays(r_m, z_m)
-        )
+        r, z = (np.ravel(np.asarray(x, dtype=np.float64)) for x in np.broadcast_arrays(r_m, z_m))
         close = 1e-6
         element = self._element_at[self._cell(r, z)]
         for dr, dz in (
@@ -216,7 +214,7 @@ class Elements:
             depths, shares = (np.concatenate(part) for part in zip(*pieces, strict=True))
         turn = (np.arange(32) + 0.5) * pi / 32
         rho, theta, r = (
-            one.ravel() for one in np.meshgrid(1e-3 * rho_mm, turn, depths, indexing="ij")
+            grid.ravel() for grid in np.meshgrid(1e-3 * rho_mm, turn, depths, indexing="ij")
         )
         share = (weight * rho_mm**power)[:, None, None] * np.ones((1, 32, 1)) * shares
         radius = r if self.parameters.shape == "cylinder" else self.outer_m

@@ -219,7 +219,7 @@ def _label_below(axes: tuple[Axes, Axes]) -> None:
 
 def _draw_surface(axis: Axes, history: HeatHistory, state: CanisterState, coarse: int) -> None:
     p = history.canister.parameters
-    across, up = (1 + (one - 1) // coarse for one in _SURFACE)
+    across, up = (1 + (size - 1) // coarse for size in _SURFACE)
     degrees, height = (
         np.linspace(_FIRST_DEG, _FIRST_DEG + 360.0, across),
         np.linspace(max(_LOWEST_MM, -p.tube_mm), p.rim_mm, up),
@@ -249,7 +249,7 @@ def _draw_section(axis: Axes, history: HeatHistory, state: CanisterState, coarse
     if p.shape == "cylinder" and p.lid_mm > 0.0:
         inmost = inner - _INWARD_MM
         parts.append((inner - _INWARD_MM, inner, p.lid_from_mm, p.lid_from_mm + p.lid_mm))
-    deep, wide = (1 + (one - 1) // coarse for one in _SECTION)
+    deep, wide = (1 + (size - 1) // coarse for size in _SECTION)
     for r_low, r_high, z_low, z_high in parts:
         r, z = np.linspace(r_low, r_high, deep), np.linspace(z_low, z_high, wide)
         field_c = history.canister.temperature_c(state, r[:, None], state.angle_rad, z)
@@ -271,7 +271,7 @@ def _draw_section(axis: Axes, history: HeatHistory, state: CanisterState, coarse
 def _isotherms(axis: Axes, x: Any, y: Any, field_c: Any, labelled: Sequence[float]) -> None:
     axis.contourf(x, y, field_c, LEVELS_C, cmap=_COLOURS, norm=_NORM, extend="both")
     lines = axis.contour(x, y, field_c, LEVELS_C, colors="white", linewidths=0.4, alpha=0.6)
-    axis.clabel(lines, [one for one in labelled if one in lines.levels], fontsize=6.0, fmt="%g")
+    axis.clabel(lines, [t_c for t_c in labelled if t_c in lines.levels], fontsize=6.0, fmt="%g")
 
 
 def _add_scale(figure: Figure, axes: Sequence[Axes], ticks: Sequence[float] = _LABELLED_C) -> None:

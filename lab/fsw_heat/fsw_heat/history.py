@@ -68,7 +68,7 @@ def _solid(elements: Elements, angles: Any) -> tuple[Any, list[tuple[str, Any]]]
         here = np.arange(angles.size)
     points = np.stack([x, y, np.broadcast_to(z, x.shape)], axis=-1).reshape(-1, 3)
     there = (here + 1) % angles.size
-    near, far = (section[None] + around * one[:, None, None] for one in (here, there))
+    near, far = (section[None] + around * side[:, None, None] for side in (here, there))
     hexahedra = np.concatenate([near, far], axis=1).transpose(0, 2, 1).reshape(-1, 8)
     return points.astype(np.float32), [("hexahedron", hexahedra)]
 

@@ -71,7 +71,7 @@ class Projection:
         values, turn = [], []
         for a, b in pairwise(self.ends.tolist()):
             conduction, losses, clamped = (
-                one[a:b, : b - a] for one in (self.conduction, self.surface, self.clamp)
+                matrix[a:b, : b - a] for matrix in (self.conduction, self.surface, self.clamp)
             )
             matrix = k * conduction + surface * losses + clamp * clamped
             value, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))

@@ -48,7 +48,7 @@ class TestCache:
         monkeypatch.setattr(cache, "project", project)
         return asked
 
-    def test_it_is_made_once_with_progress(self, tmp_path: Path) -> None:
+    def test_reduction_is_computed_once_and_cached(self, tmp_path: Path) -> None:
         shares: list[float] = []
         first = load_or_reduce(TINY, tmp_path, lambda share, _text: shares.append(share))
         assert shares == sorted(shares) and shares[-1] == 1.0
@@ -59,7 +59,7 @@ class TestCache:
         states = [model.step(model.initial(), 5.0, 1.0, 0.0, 7.0) for model in (first, again)]
         assert np.array_equal(states[0].modes, states[1].modes)
 
-    def test_two_processes_may_make_the_same_one(self, tmp_path: Path) -> None:
+    def test_concurrent_processes_may_write_the_same_cache(self, tmp_path: Path) -> None:
         """One begins and ends while the other is half-way; a third finds what they left."""
         code = (
             "import sys; from pathlib import Path; from fsw_plant.canister import CanisterParameters;"
@@ -79,18 +79,18 @@ class TestCache:
         slow = load_or_reduce(TINY, tmp_path, meanwhile)
         assert [path.name for path in tmp_path.iterdir()] == [cache_path(TINY).name]
         assert [cache_path(TINY, tmp_path).stat().st_ino] != seen  # replaced as a whole
-        found = load_or_reduce(TINY, tmp_path, lambda _share, text: pytest.fail(text))
-        states = [model.step(model.initial(), 5.0, 1.0, 0.0, 7.0) for model in (slow, found)]
+        reduction = load_or_reduce(TINY, tmp_path, lambda _share, text: pytest.fail(text))
+        states = [model.step(model.initial(), 5.0, 1.0, 0.0, 7.0) for model in (slow, reduction)]
         assert np.array_equal(states[0].modes, states[1].modes)
 
-    def test_copper_and_losses_need_no_other_one_but_the_geometry_does(self) -> None:
+    def test_cache_depends_on_geometry_not_on_copper_and_losses(self) -> None:
         other = TINY.changed(
             conductivity_w_per_m_k=300.0, ambient_c=5.0, emissivity=0.8, shoulder_share=0.1
         )
         assert cache_path(other) == cache_path(TINY)
         assert cache_path(TINY.changed(wall_mm=20.5)) != cache_path(TINY)
 
-    def test_a_damaged_one_is_made_anew(
+    def test_damaged_cache_is_replaced(
         self, tmp_path: Path, made: list[CanisterParameters]
     ) -> None:
         load_or_reduce(TINY, tmp_path)
@@ -113,7 +113,7 @@ class TestCache:
             load_or_reduce(TINY, path)
 
     @pytest.mark.usefixtures("made")
-    def test_a_place_that_cannot_be_written_does_without(self, tmp_path: Path) -> None:
+    def test_unwritable_cache_is_skipped(self, tmp_path: Path) -> None:
         (tmp_path / "file").write_text("")
         texts: list[str] = []
         assert (

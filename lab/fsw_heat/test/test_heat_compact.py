@@ -48,17 +48,19 @@ def weld(second: float) -> tuple[float, float, float]:
 
 
 @pytest.mark.parametrize("values", [{}, OTHER])
-def test_it_follows_the_reduced_canister(values: dict[str, float]) -> None:
+def test_compact_canister_follows_the_reduced_one(values: dict[str, float]) -> None:
     """Also with copper, losses and shares that its vectors were not chosen for."""
     parameters = CanisterParameters(**values)
     compact, reduced = load_or_compact(parameters), load_or_reduce(parameters)
     assert compact.states < 120 < 10 * compact.states < reduced.states
-    one, other = compact.initial(axial_mm=75.0), reduced.initial(axial_mm=75.0)
+    small, large = compact.initial(axial_mm=75.0), reduced.initial(axial_mm=75.0)
     apart = []
     for k in range(1300):
-        one, other = compact.step(one, *weld(k), 1.0), reduced.step(other, *weld(k), 1.0)
-        apart.append(compact.stir_zone_temperature_c(one) - reduced.stir_zone_temperature_c(other))
-    assert reduced.stir_zone_temperature_c(other) > 600.0
+        small, large = compact.step(small, *weld(k), 1.0), reduced.step(large, *weld(k), 1.0)
+        apart.append(
+            compact.stir_zone_temperature_c(small) - reduced.stir_zone_temperature_c(large)
+        )
+    assert reduced.stir_zone_temperature_c(large) > 600.0
     assert np.abs(apart).max() < 0.4
 
 
@@ -80,7 +82,7 @@ def test_a_transition_is_the_exponential_of_the_equations(
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.3, -SPEED, 20.0, 500.0])
-def test_it_loses_heat_at_every_speed(canister: CompactCanister, speed: float) -> None:
+def test_canister_loses_heat_at_every_speed(canister: CompactCanister, speed: float) -> None:
     """Decay is symmetric and transport skew, so no state grows over a step."""
     kept, _ = canister.over(speed, 0.1)
     assert np.linalg.norm(kept, 2) < 1.0
@@ -96,7 +98,7 @@ def test_travel_backwards_heats_the_same(canister: CompactCanister) -> None:
     assert both[0] == pytest.approx(both[1], abs=1e-8)
 
 
-def test_one_long_step_is_many_short_ones(canister: CompactCanister) -> None:
+def test_long_step_equals_many_short_ones(canister: CompactCanister) -> None:
     long = canister.step(canister.initial(), 40.0, SPEED, 0.0, 10.0)
     short = canister.initial()
     for _ in range(1000):
@@ -110,7 +112,7 @@ def test_one_long_step_is_many_short_ones(canister: CompactCanister) -> None:
     ("inputs", "text"),
     [((float("nan"), 1.0, 0.0), "not finite"), ((40.0, 1.0, 101.0), "the copper")],
 )
-def test_a_step_refuses_what_makes_no_sense(
+def test_step_refuses_invalid_arguments(
     canister: CompactCanister, inputs: tuple[float, float, float], text: str
 ) -> None:
     with pytest.raises(InputError, match=text):

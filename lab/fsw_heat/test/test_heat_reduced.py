@@ -39,7 +39,7 @@ def test_heat_in_is_heat_stored_and_lost(canister: ReducedCanister) -> None:
     assert lost > 0.01 * brought
 
 
-def test_a_canister_of_one_temperature_stays_so_but_for_its_losses(
+def test_uniform_canister_changes_only_by_its_losses(
     canister: ReducedCanister,
 ) -> None:
     state = canister.initial(300.0)
@@ -52,7 +52,7 @@ def test_a_canister_of_one_temperature_stays_so_but_for_its_losses(
     assert canister.loss_w(state) == pytest.approx(expected, rel=1e-3)
 
 
-def test_it_cools_to_ambient(canister: ReducedCanister) -> None:
+def test_canister_cools_to_ambient(canister: ReducedCanister) -> None:
     state = canister.initial()
     for _ in range(100):
         state = canister.step(state, 40.0, SPEED, 0.0, 1.0)
@@ -64,7 +64,7 @@ def test_it_cools_to_ambient(canister: ReducedCanister) -> None:
     assert canister.stir_zone_temperature_c(state) == pytest.approx(20.0, abs=0.01)
 
 
-def test_a_tool_at_rest_heats_both_sides_alike_and_a_moving_one_leaves_the_heat_behind(
+def test_heat_is_symmetric_at_rest_and_trails_a_moving_tool(
     canister: ReducedCanister,
 ) -> None:
     still = canister.step(canister.initial(angle_rad=1.0), 40.0, 0.0, 0.0, 60.0)
@@ -88,7 +88,7 @@ def test_the_start_angle_does_not_matter(canister: ReducedCanister) -> None:
     assert results == pytest.approx([results[0]] * 3, abs=1e-6)
 
 
-def test_one_long_step_is_many_short_ones(canister: ReducedCanister) -> None:
+def test_long_step_equals_many_short_ones(canister: ReducedCanister) -> None:
     long = canister.step(canister.initial(), 40.0, SPEED, 0.0, 10.0)
     short = canister.initial()
     for _ in range(1000):
@@ -118,7 +118,7 @@ def test_the_overlap_meets_its_own_heat(canister: ReducedCanister) -> None:
         ((40.0, 1.0, 0.0, 0.0), "above 0"),
     ],
 )
-def test_a_step_refuses_what_makes_no_sense(
+def test_step_refuses_invalid_arguments(
     canister: ReducedCanister, inputs: tuple[float, float, float, float], text: str
 ) -> None:
     state = canister.initial()

@@ -36,7 +36,9 @@ _ROUNDS, _LARGEST_SHARE = 4, 0.4
 
 def find_shifts(problem: Problem) -> list[Shift]:
     """The largest shift in the residuals of each output of each segment, if any."""
-    found: list[Shift] = []
+    # One per output at a time: a large shift biases the model, and with it the residuals in which
+    # smaller ones are sought. The caller solves again with these, and repeats the search.
+    shifts: list[Shift] = []
     for i, whitened in enumerate(problem.whitened):
         sizes = shift_sizes(whitened / problem.noise, problem.autocorrelation)
         for output, tick in enumerate(1 + sizes.argmax(axis=0)):
@@ -49,17 +51,18 @@ def find_shifts(problem: Problem) -> list[Shift]:
             if (
                 sizes[:, output].max() > SHIFT
                 and not near
-                and len(problem.shifts) + len(found) < _MOST_SHIFTS
+                and len(problem.shifts) + len(shifts) < _MOST_SHIFTS
             ):
-                found.append(shift)
+                shifts.append(shift)
+                # sensor or process? a second unknown decides how much of a torque shift heats
                 heating = [
                     s
                     for s in problem.shifts
                     if s.output == HEAT and abs(s.tick - tick) < _SHIFT_TICKS
                 ]
                 if output == OUTPUTS.index("torque_nm") and not heating:
-                    found.append(replace(shift, output=HEAT))
-    return found
+                    shifts.append(replace(shift, output=HEAT))
+    return shifts
 
 
 def shift_sizes(whitened: FloatArray, autocorrelation: FloatArray) -> FloatArray:
@@ -104,13 +107,15 @@ def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None])
     """
     left = [np.zeros(segment.measured.shape, dtype=bool) for segment in problem.segments]
     followed, share = np.ones(len(OUTPUTS), dtype=bool), np.zeros(len(OUTPUTS))
+    # A window that was left out stays out. An output that would lose more than it may is not
+    # disturbed but badly modelled: it keeps its samples, and a note says so.
     for _ in range(_ROUNDS):
-        found = [disturbed_windows(whitened, noise) for whitened in problem.whitened]
-        share = np.concatenate([new | old for new, old in zip(found, left, strict=True)]).mean(
+        disturbed = [disturbed_windows(whitened, noise) for whitened in problem.whitened]
+        share = np.concatenate([new | old for new, old in zip(disturbed, left, strict=True)]).mean(
             axis=0
         )
         followed &= share < _LARGEST_SHARE
-        new_ones = [new & ~old & followed for new, old in zip(found, left, strict=True)]
+        new_ones = [new & ~old & followed for new, old in zip(disturbed, left, strict=True)]
         if not any(new.any() for new in new_ones):
             break
         for i, new in enumerate(new_ones):
@@ -140,8 +145,9 @@ def leave_out(problem: Problem, noise: FloatArray, progress: Callable[[], None])
 
 def disturbed_windows(residuals: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
     """Samples in windows, or next to them, whose mean or variance is not that of noise."""
+    # windows that overlap by half; tests for mean and variance of clipped, whitened residuals
     parts = np.array_split(np.arange(len(residuals)), max(1, 2 * len(residuals) // _WINDOW_TICKS))
-    found = np.zeros(residuals.shape, dtype=bool)
+    marked = np.zeros(residuals.shape, dtype=bool)
     for output in range(residuals.shape[1]):
         sizes, squares = np.zeros(len(parts)), np.zeros(len(parts))
         for i, part in enumerate(parts):
@@ -155,5 +161,5 @@ def disturbed_windows(residuals: FloatArray, noise: FloatArray) -> NDArray[np.bo
         disturbed |= squares > _RESTLESS * max(1.0, float(np.median(squares)))
         for window in np.flatnonzero(disturbed):
             begin = int(parts[window][0])
-            found[max(begin - _WINDOW_TICKS, 0) : begin + 2 * _WINDOW_TICKS, output] = True
-    return found
+            marked[max(begin - _WINDOW_TICKS, 0) : begin + 2 * _WINDOW_TICKS, output] = True
+    return marked

@@ -224,7 +224,8 @@ def _identify(
         nominal = {name: getattr(start, name) for name in best.free if name not in left}
         best.parameters, best.free = best.parameters.changed(**nominal), left
         solve(best, count)
-    notes = leave_out(best, _innovation(first.noise, best.autocorrelation), count)
+    # differences show the noise itself; of coloured noise the whitened part is larger
+    notes = leave_out(best, first.noise * np.sqrt(1.0 + best.autocorrelation), count)
     drop_small_shifts(best)
     solve(best, count, reject=True)
     if steady:
@@ -266,8 +267,8 @@ def _best_start(
             best = solved
         # Noise between neighbouring samples is a lower bound that no model can beat; residuals
         # close to it leave nothing for another start to find.
-        alone = _innovation(first.noise, solved.autocorrelation)
-        share = np.concatenate([disturbed_windows(one, alone) for one in solved.whitened]).mean(
+        alone = first.noise * np.sqrt(1.0 + solved.autocorrelation)
+        share = np.concatenate([disturbed_windows(row, alone) for row in solved.whitened]).mean(
             axis=0
         )
         if (solved.noise < _AS_GOOD * alone).all() or (share < _SHARE_OF_DISTURBANCE).all():
@@ -345,9 +346,9 @@ def _solve(
 
 def _add_shifts(problem: Problem, count: Progress) -> None:
     """Add shifts and solve again until no more are found."""
-    while found := find_shifts(problem):
+    while shifts := find_shifts(problem):
         problem.set_shifts(
-            [*problem.shifts, *found], np.append(problem.sizes, np.zeros(len(found)))
+            [*problem.shifts, *shifts], np.append(problem.sizes, np.zeros(len(shifts)))
         )
         solve(problem, count, _FEW)
 
@@ -381,11 +382,6 @@ def expected_deviations(
     problem.settle()
     covariance = np.linalg.inv(problem.information())
     return dict(zip(problem.free, map(float, np.sqrt(np.diag(covariance))), strict=False))
-
-
-def _innovation(noise: FloatArray, autocorrelation: FloatArray) -> FloatArray:
-    """Standard deviation of whitened noise from that of differences (:func:`_sensor_noise`)."""
-    return np.asarray(noise * np.sqrt(1.0 + autocorrelation))
 
 
 def _sensor_noise(segments: Sequence[Segment]) -> FloatArray:
@@ -453,7 +449,7 @@ def _by_doubt(problem: Problem) -> FloatArray:
         problem.linearised(problem.parameters, True),
     )
     n = free + len(problem.shifts) + 2
-    found = np.zeros((n, n))
+    shared = np.zeros((n, n))
     for depth, temperature in zip(parts[DEPTH::3], parts[TEMPERATURE::3], strict=True):
         if not problem.known[depth.segment].doubtful_c.any():
             continue
@@ -464,8 +460,8 @@ def _by_doubt(problem: Problem) -> FloatArray:
         ]
         depth.columns = np.column_stack([depth.columns, *(by_rise * course for course in courses)])
         problem.compress(depth)
-        found[:, :free] += problem.eliminated(depth, problem.walk).border[1 : 1 + n, 1 + n :]
-    return found
+        shared[:, :free] += problem.eliminated(depth, problem.walk).border[1 : 1 + n, 1 + n :]
+    return shared
 
 
 def _fit(problem: Problem, kept: dict[str, str], notes: list[str], rejected: bool = False) -> Fit:
@@ -473,8 +469,8 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str], rejected: boo
     if rejected:
         inside, whitened = (
             [
-                np.where(weights > 0.0, one, np.nan)
-                for one, weights in zip(every, problem.weights, strict=True)
+                np.where(weights > 0.0, values, np.nan)
+                for values, weights in zip(every, problem.weights, strict=True)
             ]
             for every in (residuals, whitened)
         )
@@ -489,7 +485,7 @@ def _fit(problem: Problem, kept: dict[str, str], notes: list[str], rejected: boo
         residuals = inside
     # Three corrections of the model's covariance: coloured residuals (as more noise), the sandwich
     # estimate where it is larger, and errors shared through doubtful temperatures or kept values.
-    colour = np.array([long_run_factor([one[:, i] for one in whitened]) for i in range(3)])
+    colour = np.array([long_run_factor([row[:, i] for row in whitened]) for i in range(3)])
     robust = np.diag(long_run_covariance(problem))
     wide = problem.variant(noise=problem.noise * np.sqrt(colour))
     covariance = np.asarray(np.linalg.inv(wide.information()), dtype=np.float64)
@@ -545,13 +541,13 @@ def _mean_disturbance(problem: Problem, covariance: FloatArray) -> tuple[FloatAr
     parts = problem.linearised(problem.parameters, True)
     means, variances, by_border = np.zeros(2), np.zeros(2), np.zeros((2, len(covariance)))
     total = sum(segment.n_ticks for segment in problem.segments)
-    for part, one in zip(parts, problem.eliminate(parts, True)[1], strict=True):
+    for part, unknowns in zip(parts, problem.eliminate(parts, True)[1], strict=True):
         if part.output != TORQUE:
             weights = np.zeros(part.at_knots.shape)
             weights[:, -2] = problem.segments[part.segment].n_ticks / total / len(weights)
             means[part.output] += float((weights * part.at_knots).sum())
-            by_border[part.output] -= np.einsum("kp,kpb->b", weights, one.values()[:, :, 1:])
-            variances[part.output] += one.variance(weights)
+            by_border[part.output] -= np.einsum("kp,kpb->b", weights, unknowns.values()[:, :, 1:])
+            variances[part.output] += unknowns.variance(weights)
     return means, np.sqrt(variances + np.einsum("ib,bc,ic->i", by_border, covariance, by_border))
 
 
@@ -559,13 +555,13 @@ def _heat_and_offset(problem: Problem) -> float:
     """Correlation of the mean rises of heat and temperature offset since the beginning."""
     parts = problem.linearised(problem.parameters, False)
     variances = np.zeros(3)
-    for part, one in zip(parts, problem.eliminate(parts, False)[1], strict=True):
+    for part, unknowns in zip(parts, problem.eliminate(parts, False)[1], strict=True):
         if part.output == TEMPERATURE:
-            both = np.zeros((2, *one.shape))
+            both = np.zeros((2, *unknowns.shape))
             for which, weights in enumerate(both):
                 weights[:, which - 2] = 1.0 / len(weights)
                 weights[0, which - 2] -= 1.0
             both[0] *= problem.parameters.thermal_gain_c_per_kw
-            variances += [one.variance(weights) for weights in (*both, both.sum(axis=0))]
+            variances += [unknowns.variance(weights) for weights in (*both, both.sum(axis=0))]
     heat, offset, together = variances
     return float((together - heat - offset) / (2.0 * np.sqrt(heat * offset)))

@@ -38,22 +38,24 @@ def _evidence_of(problem: Problem, border: FloatArray, parts: Sequence[Eliminate
 
 def likely_walk(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     """Sizes of the random walks with the largest evidence, by coordinate search."""
-    found: FloatArray = problem.walk.copy()
+    best_walk: FloatArray = problem.walk.copy()
 
     def of_size(log_size: float, of_output: list[Part], at: tuple[int, int]) -> float:
-        sizes = found.copy()
+        sizes = best_walk.copy()
         sizes[at] = np.exp(log_size)
         return (
             _evidence_of(problem, *problem.eliminate(of_output, True, sizes))
             + _PARSIMONY * log_size
         )
 
-    # One walk after the other, by output, as the parts of other outputs do not depend on it.
+    # One walk after the other, by output, as the parts of other outputs do not depend on it;
+    # a tenth of an e-fold is as near as the next linearisation needs.
     for output, which in enumerate(WALKS_OF):
         of_output = [part for part in parts if part.output == output]
         for at in ((i, walk) for walk in which for i in range(2)):
             bounds = np.clip(
-                np.log(found[at]) + np.log(_WALK_STEP) * np.array([-1, 1]), *np.log(WALK[::2, *at])
+                np.log(best_walk[at]) + np.log(_WALK_STEP) * np.array([-1, 1]),
+                *np.log(WALK[::2, *at]),
             )
             best = scipy.optimize.minimize_scalar(
                 of_size,
@@ -62,8 +64,8 @@ def likely_walk(problem: Problem, parts: Sequence[Part]) -> FloatArray:
                 bounds=bounds,
                 options={"xatol": 0.1},
             )
-            found[at] = np.exp(best.x)
-    return found
+            best_walk[at] = np.exp(best.x)
+    return best_walk
 
 
 def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
@@ -93,21 +95,21 @@ def take_likely_colour(problem: Problem, parts: Sequence[Part]) -> None:
 def evidence(problem: Problem) -> float:
     """Minus twice the log evidence at the last solution, up to a constant."""
     parts = problem.linearised(problem.parameters, True)
-    found = _evidence_of(problem, *problem.eliminate(parts, True))
+    total = _evidence_of(problem, *problem.eliminate(parts, True))
     # a lagging thermocouple is another state
-    found += sum(
+    total += sum(
         2.0 * float(np.log(STATE_PRIOR[p.output][: p.response.gains.size]).sum()) for p in parts
     )
-    return found + sum(of_samples(problem, output) for output in range(len(OUTPUTS)))
+    return total + sum(of_samples(problem, output) for output in range(len(OUTPUTS)))
 
 
 def of_samples(problem: Problem, output: int) -> float:
     """Contribution of an output's sample density to minus twice the log evidence."""
-    found = 0.0
+    total = 0.0
     for i, weights in enumerate(problem.weights):
         scale = problem.whitening(i, output).scale[weights[:, output] > 0.0]
-        found += 2.0 * float(np.log(problem.noise[output] / scale).sum())
-    return found
+        total += 2.0 * float(np.log(problem.noise[output] / scale).sum())
+    return total
 
 
 def likely_colour(problem: Problem) -> FloatArray:

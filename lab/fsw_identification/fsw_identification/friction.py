@@ -59,8 +59,10 @@ def from_air(
             "constant speeds, "
             f"{_ONE_SPEED_RPM:g} rpm or more apart; it has {distinct}"
         )
-    found, covariance = np.polyfit(speed, torque, 2, cov=True)
-    values, deviations = map(float, found[::-1]), map(float, np.sqrt(np.diag(covariance))[::-1])
+    # Least squares, as (23) is linear in its coefficients; at constant speed neither inertia nor
+    # the motor's lag adds to the torque.
+    fitted, covariance = np.polyfit(speed, torque, 2, cov=True)
+    values, deviations = map(float, fitted[::-1]), map(float, np.sqrt(np.diag(covariance))[::-1])
     return start.changed(**dict(zip(_NAMES, values, strict=True))), dict(
         zip(_NAMES, deviations, strict=True)
     )

@@ -98,12 +98,14 @@ def _arriving(record: HeatRecord, model: ModelParameters) -> FloatArray:
 
 
 def _noises(walk: HeatWalk) -> FloatArray:
-    heat, rate = (TICK_S * one**2 for one in walk)
+    heat, rate = (TICK_S * size**2 for size in walk)
     return np.diag([_COPPER_WALK_C**2, 0.0, heat, rate])
 
 
 def smooth(record: HeatRecord, model: ModelParameters, walk: HeatWalk) -> Heat:
     """The heat at each tick (Rauch, Tung, Striebel)."""
+    # Kalman filter forward, then backward the Rauch-Tung-Striebel recursion, which adds what later
+    # samples say: the heat at a place is known better than any controller could know it in time.
     step, by_power = _matrices(model)
     arriving, noise = _arriving(record, model), _noises(walk)
     n, known = record.rise_c.size, np.isfinite(record.rise_c)
@@ -133,6 +135,9 @@ def _unlikelihood(
     record: HeatRecord, model: ModelParameters, walk: HeatWalk, shown: FloatArray
 ) -> float:
     """Negative logarithm of the likelihood of the temperatures, by the settled filter."""
+    # With the stationary gain (Riccati equation) the innovations are the output of a constant
+    # linear filter: two calls of lfilter, where the search would else repeat a loop over all ticks
+    # of a weld hundreds of times.
     step, by_power = _matrices(model)
     seen = np.array([[0.0, 1.0, 0.0, 0.0]])
     covariance = solve_discrete_are(step.T, seen.T, _noises(walk), np.array([[_NOISE_C**2]]))
@@ -179,6 +184,8 @@ def _fit(
         options = {"maxfev": _SEARCH_STEPS, "xatol": 1e-3, "fatol": 0.1}
         return np.asarray(minimize(tried, start, method="Nelder-Mead", options=options).x)
 
+    # Nelder-Mead, as there are few unknowns and no derivatives; logarithms keep them positive and
+    # of similar size.
     heat_kw, rate_kw_per_s = _START_WALKS
     without = np.log(_NO_WALK)
     first = search(lambda x: cost(np.append(x, without)), np.log([*start, heat_kw]))

@@ -69,6 +69,8 @@ def learn(
     travel_mm = np.arange(0.0, reach_mm + 1e-9, GRID_MM)
     if travel_mm.size < 2:
         raise InputError("learn: the welds have no path in common")
+    # By place and not by time: welds of a type have the same copper at the same place, but may
+    # dwell for different times.
     heats, own = [], []
     for i, ((_, _, signals), record) in enumerate(zip(welds, records, strict=True)):
         progress(i / len(welds))
@@ -129,6 +131,8 @@ def _left_out(by_weld: FloatArray, i: int) -> float | None:
 
 def _deviation(by_weld: FloatArray, variances: FloatArray, expected_kw: float) -> FloatArray:
     """Standard deviation of a weld about the profile, by place: expected and observed."""
+    # The variance between welds, smoothed along the path, is shrunk to the expected one, which
+    # counts as that many welds (conjugate prior of a variance): one weld alone shows no spread.
     n = len(by_weld)
     lacks = by_weld - _common(by_weld)
     lacks -= lacks.mean(axis=1, keepdims=True)  # a constant is no error of the profile

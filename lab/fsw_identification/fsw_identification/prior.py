@@ -59,11 +59,11 @@ class Prior:
         if self.covariance is None:
             return np.diag(np.full(len(names), _NONE**2))
         at = [CANDIDATES.index(name) for name in names]
-        found = self.covariance[np.ix_(at, at)].copy()
+        covariance = self.covariance[np.ix_(at, at)].copy()
         for i in [i for i, name in enumerate(names) if lagged and name in _SHOWN]:
-            found[i], found[:, i] = 0.0, 0.0
-            found[i, i] = _NONE**2
-        return found
+            covariance[i], covariance[:, i] = 0.0, 0.0
+            covariance[i, i] = _NONE**2
+        return covariance
 
     def lacks(self, p: ModelParameters, names: Sequence[str]) -> FloatArray:
         """What the logarithms of parameters lack of the mean, (n,)."""

@@ -173,20 +173,15 @@ class Problem:
         """Prior covariance of the free parameters' logarithms, (free, free)."""
         return self.prior.covariance_of(self.free, self.lagged or self.lag_s > 0.0)
 
-    def prior_cost(self, p: ModelParameters) -> float:
-        """What the prior adds to the cost at parameters."""
-        lacks = self.prior.lacks(p, self.free)
-        return float(lacks @ np.linalg.solve(self.prior_covariance, lacks))
-
     def disturbances(self) -> list[FloatArray]:
         """(n, 5) by segment: time series of ``WALKS``."""
-        found = [np.zeros((segment.n_ticks, len(WALKS))) for segment in self.segments]
+        series = [np.zeros((segment.n_ticks, len(WALKS))) for segment in self.segments]
         for part in self.parts:
             for which, at_knots in zip(
                 reversed(WALKS_OF[part.output]), part.at_knots.T[::-1], strict=False
             ):
-                found[part.segment][:, which] = _between(at_knots, len(found[part.segment]))
-        return found
+                series[part.segment][:, which] = _between(at_knots, len(series[part.segment]))
+        return series
 
     def _shift_slopes(
         self, i: int, output: int, p: ModelParameters, real: bool = True
@@ -283,7 +278,7 @@ class Problem:
         self, parts: Sequence[Part], slopes: bool, sizes: FloatArray | None = None
     ) -> tuple[FloatArray, list[Eliminated]]:
         """Information of residuals and border, with prior, without knots; the eliminated parts."""
-        walk, found = self.walk if sizes is None else sizes, []
+        walk, eliminated = self.walk if sizes is None else sizes, []
         of_shifts = _SHIFT_PRIOR[[shift.output for shift in self.shifts]] ** -2.0
         of_free = [0.0] * (len(self.free) if slopes else 0)
         of_lag = [self.lag_deviation_s**-2.0] * slopes
@@ -295,9 +290,9 @@ class Problem:
             n = len(self.free) + 1
             border[:n, :n] += measured.T @ np.linalg.solve(self.prior_covariance, measured)
         for part in parts:
-            found.append(self.eliminated(part, walk))
-            border += found[-1].border
-        return border, found
+            eliminated.append(self.eliminated(part, walk))
+            border += eliminated[-1].border
+        return border, eliminated
 
     def eliminated(self, part: Part, walk: FloatArray) -> Eliminated:
         """Eliminate the knots of a part, for given sizes of the walks."""
@@ -312,15 +307,17 @@ class Problem:
     def profile(self, p: ModelParameters) -> tuple[float, list[Part], FloatArray]:
         """Cost at parameters with optimal knots, shifts and share; also those two."""
         parts = self.linearised(p, False)
-        border, found = self.eliminate(parts, False)
+        border, eliminated = self.eliminate(parts, False)
         # The border's optimum follows from the Schur complement: minimise the quadratic form
         # [1, -s] border [1, -s]' over s.
         sizes = np.asarray(np.linalg.solve(border[1:, 1:], border[1:, 0]), dtype=np.float64)
-        for part, one in zip(parts, found, strict=True):
-            values = one.values()
+        for part, unknowns in zip(parts, eliminated, strict=True):
+            values = unknowns.values()
             part.at_knots = values[:, :, 0] - values[:, :, 1:] @ sizes
-        cost = float(border[0, 0] - border[1:, 0] @ sizes)
-        return cost + self.prior_cost(p), parts, sizes
+        lacks = self.prior.lacks(p, self.free)
+        cost = border[0, 0] - border[1:, 0] @ sizes
+        cost += lacks @ np.linalg.solve(self.prior_covariance, lacks)
+        return float(cost), parts, sizes
 
     def settle(self) -> None:
         """Update knots, shifts and share at the present parameters, and the links between outputs.

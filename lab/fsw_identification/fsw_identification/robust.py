@@ -20,11 +20,11 @@ def long_run_covariance(problem: Problem) -> FloatArray:
     after elimination of the knots, times residuals): the sandwich estimator. The prior's stays.
     """
     parts = problem.linearised(problem.parameters, True)
-    border, found = problem.eliminate(parts, True)
+    border, eliminated = problem.eliminate(parts, True)
     inverse = np.linalg.inv(border[1:, 1:])
     scores = border[1:, 1:].copy()
-    for part, one in zip(parts, found, strict=True):
-        by_knots = one.values()[:, :, 1:]
+    for part, unknowns in zip(parts, eliminated, strict=True):
+        by_knots = unknowns.values()[:, :, 1:]
         response = part.response._replace(course=np.zeros(len(part.columns)))
         slopes = [
             column - shown(response, part.walk, by_knots[:, :, i])

@@ -63,7 +63,7 @@ def autocorrelation_of(correlation_s: float) -> float:
 
 def correlation_s(autocorrelation: FloatArray) -> FloatArray:
     """Time for the autocorrelation to decay to 1/e; 0 for white noise."""
-    return np.asarray([-TICK_S / np.log(one) if one > 0.0 else 0.0 for one in autocorrelation])
+    return np.asarray([-TICK_S / np.log(auto) if auto > 0.0 else 0.0 for auto in autocorrelation])
 
 
 def fit_percent(measured: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> float:
@@ -83,15 +83,16 @@ def correlation(
     """
     whole = [np.concatenate(columns) for columns in (first, second)]
     means, scale = (
-        [float(np.nanmean(one)) for one in whole],
-        np.prod([np.nanstd(one) for one in whole]),
+        [float(np.nanmean(column)) for column in whole],
+        np.prod([np.nanstd(column) for column in whole]),
     )
     products, counts, pairs = np.zeros(lags.size), np.zeros(lags.size), 0
-    for one, other in zip(first, second, strict=True):
-        known = [np.isfinite(column) for column in (one, other)]
+    for left, right in zip(first, second, strict=True):
+        known = [np.isfinite(column) for column in (left, right)]
         a, b = (
-            np.nan_to_num(column - mean) for column, mean in zip((one, other), means, strict=True)
+            np.nan_to_num(column - mean) for column, mean in zip((left, right), means, strict=True)
         )
+        # all lags at once; the same with the masks counts the pairs of each lag
         inside = np.abs(lags) < a.size
         at = lags[inside] + a.size - 1
         products[inside] += scipy.signal.correlate(a, b)[at]
@@ -109,13 +110,15 @@ def long_run_factor(residuals: Sequence[FloatArray]) -> float:
     The first lags of the autocorrelation that exceed the 99 % bounds count; all lags if their sum
     exceeds its own.
     """
-    if sum(int(np.isfinite(one).sum()) for one in residuals) < 2 * LAGS:
+    if sum(int(np.isfinite(part).sum()) for part in residuals) < 2 * LAGS:
         return 1.0
-    found, n = correlation(residuals, residuals, np.arange(1, LAGS + 1))
-    inside = np.abs(found) < _QUANTILE / np.sqrt(n)
+    lagged, n = correlation(residuals, residuals, np.arange(1, LAGS + 1))
+    # Var(mean) = sigma^2 / n (1 + 2 sum of the autocorrelations). Those of white noise are not
+    # exactly 0 when estimated, so that only those that stand out count.
+    inside = np.abs(lagged) < _QUANTILE / np.sqrt(n)
     last = int(np.argmax(inside)) if inside.any() else LAGS
-    together = found.sum() if found.sum() > SLOW * np.sqrt(LAGS / n) else 0.0
-    return 1.0 + 2.0 * max(0.0, float(found[:last].sum()), float(together))
+    together = lagged.sum() if lagged.sum() > SLOW * np.sqrt(LAGS / n) else 0.0
+    return 1.0 + 2.0 * max(0.0, float(lagged[:last].sum()), float(together))
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,16 +154,16 @@ def judge(
     """Test residuals, an (n, 3) array per segment, against the assumed noise (whitened)."""
     auto, cross, n, fits = np.zeros((3, LAGS)), np.zeros((3, 2, 2 * LAGS + 1)), 1, []
     changes = [
-        [np.diff(column, prepend=column[0]) for column in (one.force_kn, one.speed_rpm)]
-        for one in segments
+        [np.diff(column, prepend=column[0]) for column in (segment.force_kn, segment.speed_rpm)]
+        for segment in segments
     ]
     for output in range(3):
-        left = [one[:, output] for one in residuals]
-        fits.append(fit_percent([one.measured[:, output] for one in segments], left))
-        own = [one[:, output] for one in whitened]
-        if any(np.isfinite(one).any() for one in own):
+        left = [part[:, output] for part in residuals]
+        fits.append(fit_percent([segment.measured[:, output] for segment in segments], left))
+        own = [part[:, output] for part in whitened]
+        if any(np.isfinite(part).any() for part in own):
             auto[output], n = correlation(own, own, np.arange(1, LAGS + 1))
             for which in range(2):
-                inputs = [one[which] for one in changes]
+                inputs = [pair[which] for pair in changes]
                 cross[output, which], _ = correlation(own, inputs, np.arange(-LAGS, LAGS + 1))
     return Judgement(tuple(fits), _QUANTILE / np.sqrt(max(n, 1)), auto, cross)

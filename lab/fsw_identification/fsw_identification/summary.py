@@ -188,15 +188,15 @@ def disturbances(fit: Fit) -> list[str]:
                 "process: more likely a disturbance; do not rely on parameters that depend on it"
             )
     for which, name in enumerate(WALKS):
-        largest = max(float(np.ptp(one[:, which])) for one in fit.disturbances)
+        largest = max(float(np.ptp(series[:, which])) for series in fit.disturbances)
         if largest > _REMARKABLE[which]:
             lines.append(
                 f"a slow disturbance of {name}, {largest:.2g} from lowest to highest, "
                 "was estimated along"
             )
     if any(
-        float(np.ptp(one[:, which])) > _REMARKABLE[which]
-        for one in fit.disturbances
+        float(np.ptp(series[:, which])) > _REMARKABLE[which]
+        for series in fit.disturbances
         for which in (1, 3)
     ):
         lines.append(

@@ -157,6 +157,8 @@ def _means(ends: FloatArray, lag_s: float) -> FloatArray:
     after = np.vstack([ends[1:], ends[-1:]])
     if lag_s <= 0.0:
         return after
+    # The drives hold their set-point over a step: it follows from both end values, and the mean
+    # from the exponential between them.
     left = float(np.exp(-TICK_S / lag_s))
     setpoints = (after - left * ends) / (1.0 - left)
     means: FloatArray = setpoints + (ends - setpoints) * lag_s / TICK_S * (1.0 - left)
@@ -174,6 +176,8 @@ def _filled(values: FloatArray) -> FloatArray:
 
 def _usable(signals: WeldSignals, sensors: FloatArray, notes: list[str]) -> FloatArray:
     """Samples accepted by the controllers' sensor guard, without held values and frozen runs."""
+    # The guard decides as it did during the weld; it detects a frozen run late, so that the run is
+    # removed back to its first sample.
     guard, usable = SensorGuard(), sensors.copy()
     refused: dict[str, Counter[str]] = {sensor: Counter() for sensor in SENSORS}
     for tick, row in enumerate(sensors):

@@ -52,7 +52,7 @@ def weld_of(commands, acting):
         (0.15, 1, (0.2, 0.4)),
     ],
 )
-def test_a_rate_is_found_where_it_limits(lag_s, dead_ticks, shares):
+def test_limiting_drive_rate_is_identified(lag_s, dead_ticks, shares):
     """Neither a lag nor a dead time passes for one, nor does noise of the feedback."""
     noise, commands, acting, expected = np.random.default_rng(1), [], [], []
     for seed, (largest, share) in enumerate(zip(LARGEST, shares, strict=True)):
@@ -93,7 +93,7 @@ def stepped(acting, size):
     ids=["gain", "offset", "step", "stuck", "stuck later"],
 )
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_wrong_feedback_is_no_rate(changed, unknown, noise):
+def test_wrong_feedback_gives_no_drive_rate(changed, unknown, noise):
     """An error of the feedback of drives without a limit does not pass for slow drives."""
     random, acting = np.random.default_rng(1), []
     for commands, largest in zip(AROUND_REST, LARGEST, strict=True):
@@ -104,7 +104,7 @@ def test_wrong_feedback_is_no_rate(changed, unknown, noise):
     assert drive_rates([weld_of(AROUND_REST, acting)]) == (None, None, drives)
 
 
-def test_a_rate_is_found_in_feedback_with_gain_and_offset():
+def test_drive_rate_is_identified_despite_gain_and_offset_of_its_feedback():
     """And in that of several welds, if they agree."""
     steps = 0.3 * np.array(LARGEST)
 
@@ -114,7 +114,7 @@ def test_a_rate_is_found_in_feedback_with_gain_and_offset():
             AROUND_REST, [1.02 * followed(of, step, 0.02, 0) + 5.0 for of, step in pairs]
         )
 
-    found = drive_rates([weld(1.0), weld(1.05)])
-    assert found[:2] == pytest.approx(1.025 * steps / TICK_S, rel=0.05) and not found.unknown
-    found = drive_rates([weld(1.0), weld(1.6)])
-    assert found == (None, None, ("force", "speed")) and len(found.notes) == 2
+    rates = drive_rates([weld(1.0), weld(1.05)])
+    assert rates[:2] == pytest.approx(1.025 * steps / TICK_S, rel=0.05) and not rates.unknown
+    rates = drive_rates([weld(1.0), weld(1.6)])
+    assert rates == (None, None, ("force", "speed")) and len(rates.notes) == 2

@@ -61,7 +61,7 @@ class Case(NamedTuple):
         ours.append(first.reshape(p, -1))
         others = np.vstack(
             [
-                root * np.column_stack([self.white.of(one) for one in self.columns.T]),
+                root * np.column_stack([self.white.of(column) for column in self.columns.T]),
                 np.zeros((k * p, width)),
             ]
         )
@@ -78,7 +78,7 @@ def case(
 ) -> Case:
     """Random data; powers of ten of the priors within ``scales``, and noise of this autocorrelation."""
     generator = np.random.default_rng(seed)
-    lags_s, gains = (np.array(one) for one in MODES[output])
+    lags_s, gains = (np.array(numbers) for numbers in MODES[output])
     factor = generator.uniform(0.8, 1.2, n)
     walk = walks(Response(np.zeros(n), lags_s, gains, factor))
     start, steps = 10.0 ** generator.uniform(*scales, (2, walk.here.shape[1]))
@@ -96,52 +96,56 @@ def case(
     width=st.integers(1, 8),
     left=st.sampled_from([0.0, 0.3, 0.98]),
 )
-def test_as_by_dense_least_squares(
+def test_elimination_matches_dense_least_squares(
     output: str, n: int, seed: int, width: int, left: float
 ) -> None:
-    one = case(output, n, seed, width=width, left=left)
-    found, (rows, others) = one.eliminated(), one.rows()
+    problem = case(output, n, seed, width=width, left=left)
+    eliminated, (rows, others) = problem.eliminated(), problem.rows()
     triangle = np.linalg.qr(rows)[1]
     values, *_ = np.linalg.lstsq(rows, others, rcond=None)
     left = others - rows @ values
-    np.testing.assert_allclose(found.border, left.T @ left, rtol=1e-7, atol=1e-7)
-    k, p = found.shape
+    np.testing.assert_allclose(eliminated.border, left.T @ left, rtol=1e-7, atol=1e-7)
+    k, p = eliminated.shape
     deviations = np.sqrt((np.linalg.inv(triangle) ** 2).sum(axis=1)).reshape(k, p)
     np.testing.assert_allclose(
-        (found.values() - values.reshape(k, p, -1)) / deviations[:, :, None], 0.0, atol=1e-5
+        (eliminated.values() - values.reshape(k, p, -1)) / deviations[:, :, None], 0.0, atol=1e-5
     )
     stiff = -np.log(
-        np.where(one.steps > 0.0, one.steps, 1e-3 * NOISE / np.abs(one.walk.here[0]).clip(1e-12))
+        np.where(
+            problem.steps > 0.0,
+            problem.steps,
+            1e-3 * NOISE / np.abs(problem.walk.here[0]).clip(1e-12),
+        )
     )
     expected = 2.0 * np.log(np.abs(np.diag(triangle))).sum() - 2.0 * (knots(n) - 1) * stiff.sum()
-    assert found.logdet == pytest.approx(expected, abs=1e-5)
+    assert eliminated.logdet == pytest.approx(expected, abs=1e-5)
     weights = np.random.default_rng(seed).standard_normal((k, p))
     variance = np.sum(np.linalg.solve(triangle.T, weights.ravel()) ** 2)
-    assert found.variance(weights) == pytest.approx(variance, rel=1e-4)
+    assert eliminated.variance(weights) == pytest.approx(variance, rel=1e-4)
 
 
 @pytest.mark.parametrize("output", ["depth", "temperature"])
-def test_priors_of_any_size(output: str) -> None:
+def test_elimination_stays_positive_definite_for_priors_of_any_size(output: str) -> None:
     """Twelve powers of ten between what may change: normal equations are not positive definite there any more."""
     broken = 0
     for seed in range(20):
-        one = case(output, 12 * KNOT_TICKS, seed, (-7.0, 5.0))
-        rows, others = one.rows()
+        problem = case(output, 12 * KNOT_TICKS, seed, (-7.0, 5.0))
+        rows, others = problem.rows()
         try:
             cho_factor(rows.T @ rows)
         except LinAlgError:
             broken += 1
-        found = one.eliminated()
+        eliminated = problem.eliminated()
         scale = np.linalg.norm(rows, axis=0)
         values, *_ = np.linalg.lstsq(rows / scale, others, rcond=1e-16)
         left = others - rows / scale @ values
-        np.testing.assert_allclose(found.border, left.T @ left, rtol=1e-3, atol=1e-2)
-        assert np.isfinite(found.logdet) and np.isfinite(found.values()).all()
-        assert np.linalg.eigvalsh(found.border).min() > 0.0
+        np.testing.assert_allclose(eliminated.border, left.T @ left, rtol=1e-3, atol=1e-2)
+        assert np.isfinite(eliminated.logdet) and np.isfinite(eliminated.values()).all()
+        assert np.linalg.eigvalsh(eliminated.border).min() > 0.0
     assert broken > 0
 
 
-def test_what_is_not_finite_is_told_by_a_cost_that_is_not() -> None:
-    one = case("depth", 3 * KNOT_TICKS, 0)
-    one.columns[5, 0], one.weights[5] = np.inf, 1.0
-    assert not np.isfinite(one.eliminated().border).all()
+def test_infinite_data_give_an_infinite_cost() -> None:
+    problem = case("depth", 3 * KNOT_TICKS, 0)
+    problem.columns[5, 0], problem.weights[5] = np.inf, 1.0
+    assert not np.isfinite(problem.eliminated().border).all()

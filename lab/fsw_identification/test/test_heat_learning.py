@@ -68,34 +68,36 @@ def moved(values, places):
 
 
 @pytest.mark.slow
-def test_profile_of_a_constructed_weld_is_found(welds):
+def test_learnt_profile_matches_a_constructed_weld(welds):
     """One weld tells it as its noise lets it; three tell it better, and say how they differ."""
     errors = {}
     for n in (1, 3):
-        found = learn(welds[:n], "made", P, 0.05, keep_model=True)
-        assert found.model == P
-        places = np.array(found.profile.travel_mm)
-        error = moved(np.array(found.profile.heat_kw), places) - moved(bump(places), places)
+        learned = learn(welds[:n], "made", P, 0.05, keep_model=True)
+        assert learned.model == P
+        places = np.array(learned.profile.travel_mm)
+        error = moved(np.array(learned.profile.heat_kw), places) - moved(bump(places), places)
         errors[n] = float(np.std(error))
-        assert [source.weld for source in found.profile.welds] == [name for name, *_ in welds[:n]]
+        assert [source.weld for source in learned.profile.welds] == [
+            name for name, *_ in welds[:n]
+        ]
     assert errors[1] < 0.25
     assert errors[3] < errors[1]
-    assert all(0.0 < source.left_out_kw < 0.5 for source in found.profile.welds)
+    assert all(0.0 < source.left_out_kw < 0.5 for source in learned.profile.welds)
 
 
 @pytest.mark.slow
-def test_a_weld_of_another_type_is_left_out_of_place(welds):
+def test_weld_of_another_type_has_a_large_left_out_error(welds):
     """The leave-one-out check shows it."""
 
     def mirrored(travel_mm):
         return bump(220.0 - travel_mm)
 
     strange = ("C9", DIGEST, weld(9, mirrored))
-    found = learn([*welds, strange], "mixed", P, 0.05, keep_model=True)
-    own, other = found.profile.welds[0].left_out_kw, found.profile.welds[-1].left_out_kw
+    learned = learn([*welds, strange], "mixed", P, 0.05, keep_model=True)
+    own, other = learned.profile.welds[0].left_out_kw, learned.profile.welds[-1].left_out_kw
     assert other > 1.5 * own
     alone = learn(welds, "made", P, 0.05, keep_model=True)
-    assert min(found.profile.deviation_kw) > 1.5 * max(alone.profile.deviation_kw)
+    assert min(learned.profile.deviation_kw) > 1.5 * max(alone.profile.deviation_kw)
 
 
 def record(rng, model, walk_kw=0.15, minutes=15):
@@ -108,58 +110,58 @@ def record(rng, model, walk_kw=0.15, minutes=15):
     return HeatRecord(0, power_kw, rise_c), heat_kw
 
 
-def test_fast_part_of_the_copper_is_found():
+def test_fast_part_of_the_copper_is_identified():
     truth = P.changed(
         thermal_gain_c_per_kw=9.5, copper_lag_s=FAST_LAG_S, tool_lag_s=0.6, dead_time_s=1.9
     )
     rng = np.random.default_rng(4)
-    found, walk = fit_fast([record(rng, truth)[0] for _ in range(2)], P)
-    assert found.thermal_gain_c_per_kw == pytest.approx(9.5, rel=0.05)
-    assert found.copper_lag_s == FAST_LAG_S
-    assert found.tool_lag_s == pytest.approx(0.6, abs=0.15)
-    assert found.dead_time_s == pytest.approx(1.9, abs=0.15)
+    fitted, walk = fit_fast([record(rng, truth)[0] for _ in range(2)], P)
+    assert fitted.thermal_gain_c_per_kw == pytest.approx(9.5, rel=0.05)
+    assert fitted.copper_lag_s == FAST_LAG_S
+    assert fitted.tool_lag_s == pytest.approx(0.6, abs=0.15)
+    assert fitted.dead_time_s == pytest.approx(1.9, abs=0.15)
     # together they are surer than each: a lag looks like a later and softer response
-    assert found.tool_lag_s + found.dead_time_s == pytest.approx(2.5, abs=0.1)
+    assert fitted.tool_lag_s + fitted.dead_time_s == pytest.approx(2.5, abs=0.1)
     assert walk.heat_kw == pytest.approx(0.15, rel=0.2)
 
 
-def test_power_taken_back_from_slow_heat_is_no_lack_of_gain():
+def test_control_action_against_slow_heat_does_not_bias_the_gain():
     """A controller takes back six seconds later what drifts; a walk without rate finds 8.5."""
     truth = P.changed(
         thermal_gain_c_per_kw=9.5, copper_lag_s=FAST_LAG_S, tool_lag_s=0.6, dead_time_s=1.9
     )
     rng, n = np.random.default_rng(3), 6000
-    steps, rates = (rng.normal(0.0, one * np.sqrt(TICK_S), n) for one in (0.1, 0.01))
+    steps, rates = (rng.normal(0.0, size * np.sqrt(TICK_S), n) for size in (0.1, 0.01))
     heat_kw = np.cumsum(steps + TICK_S * np.cumsum(rates))
     power_kw = np.repeat(rng.normal(0.0, 0.3, n // 50), 50)
     power_kw -= np.concatenate([np.zeros(60), heat_kw])[:n]
     late = np.concatenate([np.zeros(19), power_kw])[:n]
     rise_c = shown_rise(late + heat_kw, truth) + rng.normal(0.0, 0.1, n)
-    found, walk = fit_fast([HeatRecord(0, power_kw, rise_c)], P)
-    assert found.thermal_gain_c_per_kw == pytest.approx(9.5, rel=0.05)
+    fitted, walk = fit_fast([HeatRecord(0, power_kw, rise_c)], P)
+    assert fitted.thermal_gain_c_per_kw == pytest.approx(9.5, rel=0.05)
     assert walk.heat_kw == pytest.approx(0.1, rel=0.2)
 
 
-def test_walk_of_the_heat_is_found_with_a_given_model():
+def test_walk_of_the_heat_is_identified_with_a_given_model():
     rng = np.random.default_rng(8)
     assert fit_walk([record(rng, P, 0.3)[0]], P).heat_kw == pytest.approx(0.3, rel=0.2)
 
 
-def test_smoothed_heat_is_as_far_off_as_it_says():
+def test_errors_of_smoothed_heat_match_its_variance():
     rng = np.random.default_rng(6)
     made, heat_kw = record(rng, P, minutes=5)
     gaps = np.zeros(made.rise_c.size, bool)
     gaps[1000:1100] = True  # a thermocouple that is lost for ten seconds
-    found = smooth(
+    smoothed = smooth(
         made._replace(rise_c=np.where(gaps, np.nan, made.rise_c)), P, HeatWalk(0.15, 1e-3)
     )
-    error = (found.heat_kw - heat_kw)[600:-100]
-    expected = np.sqrt(found.variance_kw2[600:-100])
+    error = (smoothed.heat_kw - heat_kw)[600:-100]
+    expected = np.sqrt(smoothed.variance_kw2[600:-100])
     assert 0.5 < np.sqrt(np.mean((error / expected) ** 2)) < 1.6
-    assert found.variance_kw2[1050] > found.variance_kw2[900]
+    assert smoothed.variance_kw2[1050] > smoothed.variance_kw2[900]
 
 
-def test_a_weld_without_a_way_is_refused(welds):
+def test_weld_without_a_path_is_refused(welds):
     name, digest, signals = welds[0]
     still = replace(signals, travel_mm=np.full(signals.n_ticks, np.nan))
     with pytest.raises(InputError, match="path"):

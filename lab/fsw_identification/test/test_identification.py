@@ -180,12 +180,12 @@ def test_a_thermocouple_follows_with_a_first_order_lag(lag_s: float) -> None:
     np.testing.assert_allclose(slow.course + lag_s * rate, tool.course, rtol=0.0, atol=0.01)
 
 
-def test_two_lags_stand_in_for_three() -> None:
-    found, step = as_shown(OTHER, 3.0), np.append(0.0, np.ones(600))
-    wrong = heated(found, step, step) - heated(OTHER, step, step, 3.0)
+def test_two_lags_approximate_three() -> None:
+    lagged, step = as_shown(OTHER, 3.0), np.append(0.0, np.ones(600))
+    wrong = heated(lagged, step, step) - heated(OTHER, step, step, 3.0)
     assert np.abs(wrong).max() < 0.02 * OTHER.thermal_gain_c_per_kw
-    assert found.thermal_gain_c_per_kw == OTHER.thermal_gain_c_per_kw
-    assert OTHER.dead_time_s < found.dead_time_s < OTHER.dead_time_s + OTHER.tool_lag_s
+    assert lagged.thermal_gain_c_per_kw == OTHER.thermal_gain_c_per_kw
+    assert OTHER.dead_time_s < lagged.dead_time_s < OTHER.dead_time_s + OTHER.tool_lag_s
 
 
 @pytest.mark.slow
@@ -207,13 +207,13 @@ def test_estimate_with_its_deviations() -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_coloured_noise_is_estimated_along() -> None:
+def test_colour_of_the_noise_is_estimated() -> None:
     signals, left = weld(seconds=200.0, noise=0.0), statistics.autocorrelation_of(2.0)
     fresh = np.random.default_rng(3).standard_normal((3, signals.n_ticks))
-    for of, std, one in zip(
+    for of, std, white in zip(
         (signals.depth_mm, signals.temperature_c, signals.torque_nm), NOISE, fresh, strict=True
     ):
-        of += std * scipy.signal.lfilter([np.sqrt(1.0 - left**2)], [1.0, -left], one)
+        of += std * scipy.signal.lfilter([np.sqrt(1.0 - left**2)], [1.0, -left], white)
     fit = estimation.identify([only(signals)])
     assert max(map(abs, scores(fit).values())) < 4.0
     assert fit.noise == pytest.approx(NOISE, rel=0.3)
@@ -234,7 +234,7 @@ def test_coloured_noise_is_estimated_along() -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_the_depth_tells_the_lag_of_the_thermocouple() -> None:
+def test_lag_of_the_thermocouple_is_identified_from_the_depth() -> None:
     signals, left = weld(seconds=200.0, noise=0.0), np.exp(-0.1 / 2.0)
     rise, mean = signals.temperature_c - signals.temperature_c[0], (1.0 - left) * 2.0 / 0.1
     # exact for a temperature that is linear within a step
@@ -254,9 +254,12 @@ def test_the_depth_tells_the_lag_of_the_thermocouple() -> None:
     assert any("lags" in line for line in summary.remarks(summary.Summary("weld", fit)))
     text = summary.model_text(fit, "weld")
     assert "lags" in text and text.count("the thermocouple shows") == 2
-    told = ModelParameters.from_yaml(text)
-    assert told.dead_time_s > OTHER.dead_time_s + 0.3 and told.tool_lag_s > OTHER.tool_lag_s + 0.3
-    late_s = told.dead_time_s + told.tool_lag_s - OTHER.dead_time_s - OTHER.tool_lag_s
+    from_file = ModelParameters.from_yaml(text)
+    assert (
+        from_file.dead_time_s > OTHER.dead_time_s + 0.3
+        and from_file.tool_lag_s > OTHER.tool_lag_s + 0.3
+    )
+    late_s = from_file.dead_time_s + from_file.tool_lag_s - OTHER.dead_time_s - OTHER.tool_lag_s
     assert late_s == pytest.approx(2.0, abs=0.3)
 
 
@@ -264,20 +267,20 @@ def test_the_depth_tells_the_lag_of_the_thermocouple() -> None:
 @pytest.mark.full
 def test_two_welds_are_more_informative_than_one() -> None:
     segments = [only(weld(seconds=80.0, seed=seed)) for seed in (1, 2)]
-    one, both = estimation.identify(segments[:1]), estimation.identify(segments)
-    assert both.std["thermal_gain_c_per_kw"] < 0.9 * one.std["thermal_gain_c_per_kw"]
+    single, both = estimation.identify(segments[:1]), estimation.identify(segments)
+    assert both.std["thermal_gain_c_per_kw"] < 0.9 * single.std["thermal_gain_c_per_kw"]
 
 
-def test_a_prior_is_wider_by_what_changes_from_weld_to_weld() -> None:
+def test_prior_is_widened_by_the_step_from_weld_to_weld() -> None:
     known = ParameterCovariance(
         parameters=["dead_time_s", "copper_lag_s"], covariance=[[4e-4, 1e-4], [1e-4, 9e-4]]
     )
     names = ("copper_lag_s", "dead_time_s", "softening_per_c")
-    found = Prior.of(OTHER, known).covariance_of(names)
-    assert found[:2, :2] == pytest.approx(np.array([[10e-4, 1e-4], [1e-4, 5e-4]]))
-    assert found[2, 2] == pytest.approx(0.2**2 + 1e-4) and not found[2, :2].any()
+    covariance = Prior.of(OTHER, known).covariance_of(names)
+    assert covariance[:2, :2] == pytest.approx(np.array([[10e-4, 1e-4], [1e-4, 5e-4]]))
+    assert covariance[2, 2] == pytest.approx(0.2**2 + 1e-4) and not covariance[2, :2].any()
     other = Prior.of(OTHER, known, other_type=True).covariance_of(names)
-    assert np.sqrt(np.diag(other - found)) == pytest.approx([0.2, 0.05, 0.05], rel=0.03)
+    assert np.sqrt(np.diag(other - covariance)) == pytest.approx([0.2, 0.05, 0.05], rel=0.03)
     # what a lagging thermocouple shows says nothing of the tool
     lagging = Prior.of(OTHER, known).covariance_of(names, lagged=True)
     assert lagging[1, 1] > 1.0 and not lagging[1, [0, 2]].any()
@@ -289,7 +292,7 @@ def test_a_prior_is_wider_by_what_changes_from_weld_to_weld() -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_a_weld_after_another_says_as_much_as_both_together() -> None:
+def test_prior_and_second_weld_equal_both_welds_together() -> None:
     """Without a change between them; up to what is linearised, and what noise one weld shows."""
     segments = [only(weld(seconds=80.0, seed=seed)) for seed in (1, 2)]
     first, both = estimation.identify(segments[:1]), estimation.identify(segments)
@@ -310,7 +313,7 @@ def test_a_weld_after_another_says_as_much_as_both_together() -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_a_weld_of_another_machine_is_no_next_one() -> None:
+def test_weld_of_another_machine_contradicts_the_prior() -> None:
     names = ["thermal_gain_c_per_kw", "dead_time_s"]
     known = ParameterCovariance(parameters=names, covariance=np.diag([1e-4, 1e-4]).tolist())
     fit = estimation.identify(
@@ -326,15 +329,15 @@ def test_a_weld_of_another_machine_is_no_next_one() -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_shifts_are_found_and_do_not_bias() -> None:
+def test_shifts_are_estimated_and_do_not_bias() -> None:
     signals = weld()
     signals.depth_mm[700:] += 0.05
     signals.torque_nm[400:600] += 15.0
     fit = estimation.identify([only(signals)])
-    found = {(shift.output, shift.tick): size for shift, size, _ in fit.shifts}
+    sizes = {(shift.output, shift.tick): size for shift, size, _ in fit.shifts}
     shown = {(0, 700): 0.05, (2, 400): 15.0, (2, 600): -15.0}
     # a shift of the sensor alone does not heat
-    assert found == pytest.approx(shown | {(HEAT, 400): -15.0, (HEAT, 600): 15.0}, rel=0.2)
+    assert sizes == pytest.approx(shown | {(HEAT, 400): -15.0, (HEAT, 600): 15.0}, rel=0.2)
     assert max(map(abs, scores(fit).values())) < 4.0
     lines = summary.disturbances(fit)
     assert (
@@ -343,7 +346,7 @@ def test_shifts_are_found_and_do_not_bias() -> None:
     )
 
 
-def test_windows_in_which_an_output_goes_its_own_way() -> None:
+def test_disturbed_windows_are_detected() -> None:
     generator = np.random.default_rng(4)
     noise = np.array([0.002, 0.1, 2.0])
     clean = noise * generator.standard_normal((20_000, 3))
@@ -354,13 +357,13 @@ def test_windows_in_which_an_output_goes_its_own_way() -> None:
     kinked[600:800, 1] += 0.5 * (1.0 - np.abs(ticks - 100) / 100.0)
     coloured[:, 2] = np.convolve(clean[:3000, 2], np.ones(8), "same")
     for residuals, output in ((swinging, 0), (kinked, 1)):
-        found = disturbed.disturbed_windows(residuals, noise)
+        windows = disturbed.disturbed_windows(residuals, noise)
         assert (
-            found[650:750, output].all()
-            and not found[900:, output].any()
-            and not found[:500, output].any()
+            windows[650:750, output].all()
+            and not windows[900:, output].any()
+            and not windows[:500, output].any()
         )
-        assert found.any(axis=0).sum() == 1
+        assert windows.any(axis=0).sum() == 1
     assert (
         disturbed.disturbed_windows(coloured, noise).mean() < 0.02
     )  # noise that is not white is no disturbance
@@ -368,7 +371,7 @@ def test_windows_in_which_an_output_goes_its_own_way() -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_slow_disturbance_is_found_and_does_not_bias() -> None:
+def test_slow_disturbance_is_estimated_and_does_not_bias() -> None:
     signals = weld()
     signals.temperature_c[500:] += np.minimum(4.0, 0.01 * np.arange(signals.n_ticks - 500))
     fit = estimation.identify([only(signals)])
@@ -407,13 +410,14 @@ def test_fast_disturbance_of_the_temperature() -> None:
     segment = only(signals)
     fit = estimation.identify([segment])
     assert all(
-        np.nanmax(np.abs(one[:, 1] - segment.measured[:, 1])) < 20.0 for one in fit.predicted
+        np.nanmax(np.abs(predicted[:, 1] - segment.measured[:, 1])) < 20.0
+        for predicted in fit.predicted
     )
 
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_the_depth_tells_an_offset_of_the_temperature_from_heat() -> None:
+def test_depth_distinguishes_temperature_offset_from_heat() -> None:
     signals = weld(seconds=400.0)
     signals.temperature_c[500:] += np.minimum(25.0, 0.0125 * np.arange(signals.n_ticks - 500))
     fit = estimation.identify([only(signals)])
@@ -424,7 +428,7 @@ def test_the_depth_tells_an_offset_of_the_temperature_from_heat() -> None:
     assert any("heat and offset" in line and "correlation -" in line for line in lines)
 
 
-def test_an_estimate_that_breaks_down_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_estimate_is_an_input_error(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_: object) -> None:
         raise np.linalg.LinAlgError("Singular matrix")
 
@@ -441,7 +445,7 @@ def test_nothing_is_identifiable_at_rest() -> None:
     ]
     noise = np.random.default_rng(0).standard_normal((3, 600))
     depth, temperature, torque = (
-        of + std * one for of, std, one in zip(rest, NOISE, noise, strict=True)
+        of + std * white for of, std, white in zip(rest, NOISE, noise, strict=True)
     )
     inputs = {"force_kn": np.full(600, 78.4), "speed_rpm": np.full(600, 407.6)}
     quiet = signals_of(
@@ -462,7 +466,7 @@ def test_nothing_is_identifiable_at_rest() -> None:
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_what_is_not_excited_is_kept_nominal() -> None:
+def test_unexcited_parameters_stay_nominal() -> None:
     p = ModelParameters()
     model = ProcessModel(p)
     rest = model.equilibrium()
@@ -471,7 +475,7 @@ def test_what_is_not_excited_is_kept_nominal() -> None:
     noise = np.random.default_rng(0).standard_normal((3, 1200))
     shown = (course["depth_mm"], course["temperature_c"], course["motor_torque_nm"])
     depth, temperature, torque = (
-        of + std * one for of, std, one in zip(shown, NOISE, noise, strict=True)
+        of + std * white for of, std, white in zip(shown, NOISE, noise, strict=True)
     )
     inputs = {"force_kn": course["force_kn"], "speed_rpm": course["speed_rpm"]}
     signals = signals_of(
@@ -483,7 +487,7 @@ def test_what_is_not_excited_is_kept_nominal() -> None:
     assert "more than 100 %" in fit.kept["depth_zero_s"]
 
 
-def test_samples_that_cannot_be_used_are_left_out() -> None:
+def test_unusable_samples_are_left_out() -> None:
     signals = weld(seconds=60.0)
     signals.depth_mm[200:240] = signals.depth_mm[199]  # frozen
     signals.temperature_c[300:310] = np.nan
@@ -508,7 +512,7 @@ def test_a_long_weld_is_one_segment() -> None:
     assert [segment.n_ticks for segment in data.segments] == [n] and not data.notes
 
 
-def test_a_hole_divides_the_weld() -> None:
+def test_long_gap_divides_the_weld() -> None:
     signals = weld(seconds=120.0)
     signals.stamp_ns[700:] += 5_000_000_000
     segments = prepare(signals, 0.0).segments
@@ -523,7 +527,7 @@ def test_a_log_with_a_sample_in_fewer_than_half_of_the_ticks_is_refused(
     signals = weld(seconds=40.0)
     signals.stamp_ns[:] = signals.stamp_ns[0] + ticks * (signals.stamp_ns - signals.stamp_ns[0])
     with nullcontext() if enough else pytest.raises(InputError, match="5 Hz"):
-        assert [one.n_ticks for one in prepare(signals, 0.0).segments] == [399 * ticks + 1]
+        assert [part.n_ticks for part in prepare(signals, 0.0).segments] == [399 * ticks + 1]
 
 
 def test_commands_stand_in_for_the_drives() -> None:
@@ -558,12 +562,14 @@ def test_inputs_within_a_step_follow_the_lag_of_the_drives() -> None:
         ({"drives": None, "force_kn": np.full(400, np.nan)}, "/fsw/drives nor /fsw/command"),
     ],
 )
-def test_a_weld_without_what_is_needed(change: dict[str, FloatArray], words: str) -> None:
+def test_weld_without_a_required_signal_is_refused(
+    change: dict[str, FloatArray], words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         prepare(replace(weld(seconds=40.0), **change), 0.0)  # type: ignore[arg-type]
 
 
-def test_a_short_weld() -> None:
+def test_short_weld_is_refused() -> None:
     with pytest.raises(InputError, match="of 30 s"):
         prepare(weld(seconds=10.0), 0.0)
 
@@ -573,8 +579,8 @@ def test_validation_shows_a_wrong_model() -> None:
     segment = only(weld(seed=3))
     right, wrong = (estimation.validate([segment], p) for p in (OTHER, ModelParameters()))
     fits = [
-        statistics.judge(one.segments, one.residuals, one.whitened).fit_percent
-        for one in (right, wrong)
+        statistics.judge(fit.segments, fit.residuals, fit.whitened).fit_percent
+        for fit in (right, wrong)
     ]
     assert all(good > 80.0 for good in fits[0]) and fits[1][1] < fits[0][1] - 10.0
 
@@ -618,9 +624,9 @@ def test_friction_from_a_run_in_air() -> None:
     signals = signals_of(
         {**columns, "torque_nm": shown + np.random.default_rng(0).normal(0.0, 2.0, 800)}
     )
-    found, deviations = from_air(signals, ModelParameters(), 0.02)
+    fitted, deviations = from_air(signals, ModelParameters(), 0.02)
     for name, std in deviations.items():
-        assert abs(getattr(found, name) - getattr(p, name)) < 4.0 * std
+        assert abs(getattr(fitted, name) - getattr(p, name)) < 4.0 * std
     slow = replace(signals, drives=DriveSignals(np.zeros(800), np.full(800, 400.0)))
     with pytest.raises(InputError, match="it has 1"):
         from_air(slow, ModelParameters(), 0.02)
@@ -633,7 +639,7 @@ def test_long_run_factor() -> None:
     assert statistics.long_run_factor([coloured]) > 5.0
 
 
-def test_a_slow_part_of_the_noise_is_told_though_no_lag_is() -> None:
+def test_slow_noise_is_detected_by_the_sum_over_lags() -> None:
     """2 % of the variance, correlated over 10 s."""
     generator, left = np.random.default_rng(1), 0.99
     white = generator.standard_normal(3000)
@@ -641,12 +647,12 @@ def test_a_slow_part_of_the_noise_is_told_though_no_lag_is() -> None:
         [np.sqrt(0.02 * (1.0 - left**2))], [1.0, -left], generator.standard_normal(3000)
     )
     segment = only(weld(seconds=300.0))
-    for one, told in ((white, False), (white + slow, True)):
-        left_over = [np.column_stack([white, one, white])]
+    for noise, is_slow in ((white, False), (white + slow, True)):
+        left_over = [np.column_stack([white, noise, white])]
         judged = statistics.judge([segment], left_over, left_over)
         assert judged.outside(TEMPERATURE)[0] < 0.07
-        assert (judged.together(TEMPERATURE) > statistics.SLOW) == told
-        assert (statistics.long_run_factor([one]) > 1.5) == told
+        assert (judged.together(TEMPERATURE) > statistics.SLOW) == is_slow
+        assert (statistics.long_run_factor([noise]) > 1.5) == is_slow
 
 
 def test_long_run_variance_is_the_weighted_sum_over_lags() -> None:

@@ -31,7 +31,7 @@ def test_whitened_noise_is_white_with_gaps_too(left: float) -> None:
     assert abs(np.nanmean(white[1:] * white[:-1])) < 0.05
 
 
-def test_a_sample_and_the_one_before_belong_to_the_same_knots() -> None:
+def test_whitening_does_not_cross_a_knot() -> None:
     known = np.random.default_rng(3).random(N) < 0.3
     white = whitening(known, 0.9)
     at = np.flatnonzero(white.share)
@@ -41,7 +41,7 @@ def test_a_sample_and_the_one_before_belong_to_the_same_knots() -> None:
     ).all()
 
 
-def test_white_noise_stays_as_it_is() -> None:
+def test_whitening_leaves_white_noise_unchanged() -> None:
     noise = coloured(0.0, 300)
     np.testing.assert_array_equal(whitening(np.ones(300, dtype=bool), 0.0).of(noise), noise)
     assert correlation_s(
@@ -49,13 +49,13 @@ def test_white_noise_stays_as_it_is() -> None:
     ) == pytest.approx([0.0, 1.0, 5.0])
 
 
-def test_coloured_noise_is_no_disturbance() -> None:
+def test_coloured_noise_is_not_taken_for_a_disturbance() -> None:
     """Its swings are one as long as it is taken for white."""
     left = np.array([autocorrelation_of(1.0), autocorrelation_of(5.0), 0.0])
-    noise = np.column_stack([coloured(one, 60 * KNOT_TICKS, i) for i, one in enumerate(left)])
+    noise = np.column_stack([coloured(share, 60 * KNOT_TICKS, i) for i, share in enumerate(left)])
     known = np.ones(len(noise), dtype=bool)
     white = np.column_stack(
-        [whitening(known, one).of(column) for one, column in zip(left, noise.T, strict=True)]
+        [whitening(known, share).of(column) for share, column in zip(left, noise.T, strict=True)]
     )
     assert disturbed.shift_sizes(white, left).max() < disturbed.SHIFT
     assert not disturbed.disturbed_windows(white, np.ones(3)).any()
@@ -63,7 +63,7 @@ def test_coloured_noise_is_no_disturbance() -> None:
     assert taken_for_white[:, 0].max() > disturbed.SHIFT
 
 
-def test_a_shift_in_white_noise_is_the_difference_of_two_means() -> None:
+def test_shift_size_in_white_noise_is_a_difference_of_means() -> None:
     noise = np.random.default_rng(5).standard_normal((400, 3))
     noise[200:, 0] += 1.5
     sizes = disturbed.shift_sizes(noise, np.zeros(3))

@@ -129,17 +129,17 @@ def shadow(arguments: argparse.Namespace) -> int:
     messages = read_messages(source)
     result = replay(messages, name, make, described_in(label), changed, arguments.duration)
     print_notes(result.notes)
-    unhealthy = sum(not one.healthy for one in result.proposals)
+    unhealthy = sum(not proposal.healthy for proposal in result.proposals)
     print(f"{name} in shadow: {len(result.stamps)} ticks replayed, {unhealthy} not healthy")
     comparisons = [result.against_applied("compared with the applied commands", _TOLERANCE)]
     if name in messages.controllers("proposal"):
         comparisons.append(
             result.against_own("compared with its own recorded proposals", _TOLERANCE)
         )
-    for one in comparisons:
-        print("\n".join(one.lines()))
+    for comparison in comparisons:
+        print("\n".join(comparison.lines()))
     write_shadow(result, source, messages.namespace, folder)
     print(f"proposals recorded in {folder}")
     values = {"controller": name, "ticks": len(result.stamps), "unhealthy": unhealthy}
-    write_json(arguments.json, {**values, "comparisons": [one.values() for one in comparisons]})
+    write_json(arguments.json, {**values, "comparisons": [item.values() for item in comparisons]})
     return 0

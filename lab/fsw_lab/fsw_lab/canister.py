@@ -133,7 +133,7 @@ def _probe(text: str) -> _Probe:
 
 def _moments(arguments: argparse.Namespace, weld: CanisterWeld) -> list[float]:
     end_s = weld.phases[-1][2]
-    if late := next((one for one in arguments.at if not 0.0 <= one <= end_s), None):
+    if late := next((at_s for at_s in arguments.at if not 0.0 <= at_s <= end_s), None):
         raise CommandError(f"--at {late:g}: the weld lasts from 0 to {end_s:.0f} s")
     spans = {name: (begin, end) for name, begin, end in weld.phases}
     named = [
@@ -165,7 +165,7 @@ def _computed(
         began = time.perf_counter()
         history = heat_history(canister, start, weld.course, STEP_S, bar)
         step_us = 1e6 * (time.perf_counter() - began) / history.time_s.size
-    columns = history.thermocouples([one.place for one in arguments.probe]).T
+    columns = history.thermocouples([probe.place for probe in arguments.probe]).T
     return history, dict(zip(arguments.probe, columns, strict=True)), step_us
 
 
@@ -180,7 +180,7 @@ def _write_table(table: Path, history: HeatHistory, probes: dict[_Probe, Any]) -
         "tool_angle_deg": np.degrees(history.angle_rad[at]),
         "tool_axial_mm": course.axial_mm[at],
     }
-    columns |= {f"probe {one.text} [degC]": values[1:] for one, values in probes.items()}
+    columns |= {f"probe {probe.text} [degC]": values[1:] for probe, values in probes.items()}
     write_whole(table, lambda part: write_table(columns, part))
 
 
@@ -194,7 +194,7 @@ def _pictures(
     """Write what is wanted; what each file has, in words."""
     words = []
     if arguments.figure is not None or arguments.film is not None:
-        named = {one.words: values for one, values in probes.items()}
+        named = {probe.words: values for probe, values in probes.items()}
         picture = heat_figures.HeatPicture(
             history, weld.phases, f"Heat in the canister: {weld.name}", named
         )
@@ -202,7 +202,7 @@ def _pictures(
             arguments.figure.parent.mkdir(parents=True, exist_ok=True)
             heat_figures.draw_heat(picture, moments_s, arguments.figure)
             words.append(
-                f"{arguments.figure}: the canister at {', '.join(f'{one:.0f}' for one in moments_s)} s"
+                f"{arguments.figure}: the canister at {', '.join(f'{at_s:.0f}' for at_s in moments_s)} s"
             )
         if arguments.film is not None:
             with ProgressBar("film") as bar:

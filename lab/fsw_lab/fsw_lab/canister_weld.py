@@ -117,8 +117,8 @@ def recorded(bag: Path) -> CanisterWeld:
 def _motion(path: ToolPath, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Speed and height in the steps that begin at times."""
     motions = [path.motion(at_s) for at_s in time_s.tolist()]
-    return np.array([one.traverse_mm_per_s for one in motions]), np.array(
-        [one.axial_mm for one in motions]
+    return np.array([motion.traverse_mm_per_s for motion in motions]), np.array(
+        [motion.axial_mm for motion in motions]
     )
 
 
@@ -139,6 +139,6 @@ def _motion_of(
             points[float(at_s[i]) - _REPORT_S] = float(angle[before])
         points[float(at_s[i])] = float(angle[i])
     arc = MM_PER_DEG * np.interp(time_s, list(points), list(points.values()))
-    corners = [one for one in scenario.path if one.arc_mm > 0.0 or one is scenario.path[0]]
-    axial = np.interp(arc, [one.arc_mm for one in corners], [one.axial_mm for one in corners])
+    corners = [end for end in scenario.path if end.arc_mm > 0.0 or end is scenario.path[0]]
+    axial = np.interp(arc, [end.arc_mm for end in corners], [end.axial_mm for end in corners])
     return np.diff(arc) / STEP_S, axial[1:]

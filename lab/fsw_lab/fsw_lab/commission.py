@@ -115,11 +115,9 @@ _TUNINGS = ("conservative", "tight", "smith")
     "With the same --out it resumes where it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
 )
 def commission(arguments: argparse.Namespace) -> int:
-    for one in (
-        arguments.experiment,
-        arguments.acceptance,
-    ):  # what is wrong in them is said before anything is done
-        check_experiment(load(one))
+    # errors in them are reported before anything is done
+    for source in (arguments.experiment, arguments.acceptance):
+        check_experiment(load(source))
     file: Path = arguments.out / _COURSE
     course = (
         validate(Course, content_of(read_text(file, "commission"), str(file)), str(file))
@@ -180,12 +178,12 @@ class Work:
             return f"   {self._arguments.controller} gets another tuning: no jump, but it will control differently"
         scenario = self.scenario(step)
         at = [
-            (one.reference.depth_mm, one.reference.temperature_c)
-            for one in scenario.events
-            if one.reference
+            (event.reference.depth_mm, event.reference.temperature_c)
+            for event in scenario.events
+            if event.reference
         ]
         depths, temperatures = (
-            [one for one in column if one is not None] for column in zip(*at, strict=True)
+            [value for value in column if value is not None] for column in zip(*at, strict=True)
         )
         span = ", ".join(
             f"{min(c):g} to {max(c):g} {u}"
@@ -213,14 +211,14 @@ class Work:
         """Fit the model to the last experiment."""
         bag, lag_s = self._bag("experiment"), self._arguments.drive_lag
         with ProgressBar("identifying") as bar:
-            found = fsw.identify(Weld(bag.name, read_weld(bag)), drive_lag_s=lag_s, progress=bar)
-        write_text(self._model, self._origin(bag) + found.text)
-        write_text(self._machine, self._origin(bag) + found.machine.text)
+            fitted = fsw.identify(Weld(bag.name, read_weld(bag)), drive_lag_s=lag_s, progress=bar)
+        write_text(self._model, self._origin(bag) + fitted.text)
+        write_text(self._machine, self._origin(bag) + fitted.machine.text)
         (self._folder / "identification").mkdir(exist_ok=True)
-        report.write(found, self._folder / "identification")
-        notes = "; ".join(summary.remarks(found))
+        report.write(fitted, self._folder / "identification")
+        notes = "; ".join(summary.remarks(fitted))
         return outcome_of(
-            identify_rows(found.parameters, found.std),
+            identify_rows(fitted.parameters, fitted.std),
             _now(),
             f"identification/report.html; {notes}",
         )
@@ -242,8 +240,8 @@ class Work:
             name: start_of(name, model).changed(**own.parameters[f"decentral:{name}"])
             for name in NAMES
         }
-        found = {name: robustness(one, model) for name, one in gains.items()}
-        rows = tune_rows(found, BOUNDS)
+        robust = {name: robustness(own_gains, model) for name, own_gains in gains.items()}
+        rows = tune_rows(robust, BOUNDS)
         if self._arguments.controller == "nmpc":
             rows += margin_rows(own.margins[DEFAULT], own.margins[TIGHT], model)
         return outcome_of(rows, _now(), "files in tuned")
@@ -279,9 +277,9 @@ class Work:
         write_text(file, scenario.text)
         plant = {"model_file": str(self._model)}
         predicted = fsw.simulate(file, name, plant=plant, parameters=self._parameters()).signals
-        found = cut(read_weld(bag), scenario)
-        measured, usual = (compute(replace(one, truth=None)) for one in (found, predicted))
-        commands = list(zip(found.command_source, found.command_reason, strict=True))
+        welded = cut(read_weld(bag), scenario)
+        measured, usual = (compute(replace(part, truth=None)) for part in (welded, predicted))
+        commands = list(zip(welded.command_source, welded.command_reason, strict=True))
         rows = accept_rows(measured, usual, commands, name)
         return outcome_of(
             rows, _now(), f"recorded to {bag.name}{'' if rows[0].good else _TOO_FAST}"
@@ -333,7 +331,7 @@ def _now() -> str:
 
 def cut(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
     """The ticks of a scenario, by its first change of a set-point; InputError when that is not in the bag."""
-    first = [one.begin for one in changes(signals) if one.quantity.endswith("reference")]
+    first = [change.begin for change in changes(signals) if change.quantity.endswith("reference")]
     if not first:
         raise InputError(f"{signals.path}: the set-points do not change")
     begin = signals.time_s[first[0]] - scenario.events[0].at_s

@@ -51,32 +51,32 @@ def listen(arguments: argparse.Namespace, ticks: int) -> Heard:
         heard = {"commands": commands, "drives": drives, **sensors}
         patience_s = node.timeout_s + 2.0 * ticks * TICK_S
         if not node.wait_until(
-            lambda: states and all(len(one) >= ticks for one in heard.values()), patience_s
+            lambda: states and all(len(log) >= ticks for log in heard.values()), patience_s
         ):
-            counts = ", ".join(f"{len(one)} of {name}" for name, one in heard.items())
+            counts = ", ".join(f"{len(log)} of {name}" for name, log in heard.items())
             late = f"{ticks} ticks did not come within {patience_s:g} s on {domain_text()}"
             raise CommandError(f"{late}: {counts}; does the graph run there?")
         reference = node.set_points_in_force(set_points, sensors["depth"])
     state = states[-1]
-    names = {one.name for one in state.controllers}
-    commanded = [convert.command(one) for one in commands]
-    force_kn = sum(one.force_kn for one in commanded) / len(commanded)
-    speed_rpm = sum(one.speed_rpm for one in commanded) / len(commanded)
+    names = {item.name for item in state.controllers}
+    commanded = [convert.command(message) for message in commands]
+    force_kn = sum(command.force_kn for command in commanded) / len(commanded)
+    speed_rpm = sum(command.speed_rpm for command in commanded) / len(commanded)
     return Heard(
-        time_s=[1e-9 * convert.stamp_ns(one.header.stamp) for one in sensors["depth"]],
+        time_s=[1e-9 * convert.stamp_ns(msg.header.stamp) for msg in sensors["depth"]],
         **{
-            SENSORS[name].signal: [convert.sensor_value(name, one) for one in sensors[name]]
+            SENSORS[name].signal: [convert.sensor_value(name, msg) for msg in sensors[name]]
             for name in REQUIRED
         },
-        force_kn=[units.kn_from_n(one.axial_force) - force_kn for one in drives],
-        speed_rpm=[units.rpm_from_rad_s(one.spindle_speed) - speed_rpm for one in drives],
+        force_kn=[units.kn_from_n(drive.axial_force) - force_kn for drive in drives],
+        speed_rpm=[units.rpm_from_rad_s(drive.spindle_speed) - speed_rpm for drive in drives],
         reference=None if reference is None else (reference.depth_mm, reference.temperature_c),
         mode=state.actual_mode,
         controller=state.actual_controller,
-        ready=[one.name for one in state.controllers if health(one) == "ready"],
-        interlocks={one.name: Severity(one.level) for one in state.interlocks},
+        ready=[item.name for item in state.controllers if health(item) == "ready"],
+        interlocks={lock.name: Severity(lock.level) for lock in state.interlocks},
         held=[
-            convert.reason(one).words or one.source for one in commands if one.source not in names
+            convert.reason(msg).words or msg.source for msg in commands if msg.source not in names
         ],
     )
 
@@ -93,7 +93,7 @@ def weld(arguments: argparse.Namespace, text: str, bag: Path, guard: Guard) -> N
     names = [
         "-r",
         f"__node:={_RECORDER}",
-        *(["-r", f"__ns:=/{one}"] if (one := arguments.namespace) else []),
+        *(["-r", f"__ns:=/{name}"] if (name := arguments.namespace) else []),
     ]
     with Launcher(bag.parent / "log", domain) as launcher:
         words = ["--ros-args", "-p", f"output:={bag}", *names]
@@ -136,14 +136,14 @@ def welded(
     except KeyboardInterrupt:
         ends = (signal.SIGINT, signal.SIGTERM)
         before = [
-            signal.signal(one, signal.SIG_IGN) for one in ends
+            signal.signal(end, signal.SIG_IGN) for end in ends
         ]  # a second one does not keep the weld going
         try:
             with operator(arguments) as node:
                 text = aborted(node)
         finally:
-            for one, handler in zip(ends, before, strict=True):
-                signal.signal(one, handler)
+            for end, handler in zip(ends, before, strict=True):
+                signal.signal(end, handler)
         raise KeyboardInterrupt(text) from None
 
 
@@ -178,7 +178,7 @@ def _is_recorded(node: Operator) -> bool:
     """Whether the recorder listens to all that is needed."""
     node.wait_until(lambda: True)
     return all(
-        any(one.node_name == _RECORDER for one in node.node.get_subscriptions_info_by_topic(topic))
+        any(end.node_name == _RECORDER for end in node.node.get_subscriptions_info_by_topic(topic))
         for topic in _RECORDED
         if node.node.count_publishers(topic)
     )

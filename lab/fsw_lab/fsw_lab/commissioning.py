@@ -142,7 +142,7 @@ class Session:
         choices = ["yes", "no", "quit", *earlier]
         while True:
             given = self.ask(f"   {', '.join(choices)}? ").strip().lower()
-            matching = [one for one in choices if given and one.startswith(given)]
+            matching = [choice for choice in choices if given and choice.startswith(given)]
             if len(matching) == 1 or given in matching:
                 return given if given in matching else matching[0]
 
@@ -241,14 +241,14 @@ def _commanded(by: str, ticks: int, held: Sequence[str]) -> Row:
     """How many of the ticks were commanded; ``held``: of the others, why."""
     share = 1.0 - min(len(held) / ticks, 1.0) if ticks else 0.0
     why = f", {Counter(held).most_common(1)[0][0]}" if held else ""
-    found = f"{100.0 * share:.1f} %{why}"
+    commanded = f"{100.0 * share:.1f} %{why}"
     return _row(
-        f"commanded by {by}", found, f"at least {100.0 * _COMMANDED:g} %", share >= _COMMANDED
+        f"commanded by {by}", commanded, f"at least {100.0 * _COMMANDED:g} %", share >= _COMMANDED
     )
 
 
-def _row(what: str, found: str, limit: str, good: Any) -> Row:
-    return Row(what=what, found=found, limit=limit, good=bool(good))
+def _row(what: str, value: str, limit: str, good: Any) -> Row:
+    return Row(what=what, found=value, limit=limit, good=bool(good))
 
 
 def _mean(values: Sequence[float]) -> float:
@@ -352,25 +352,25 @@ def tune_rows(
 ) -> list[Row]:
     """Margins and noise of each tuning against the bounds of the search."""
     return [
-        _row(f"{name}: {key}", f"{found[key]:.3g}", f"at most {bound:g}", found[key] <= bound)
-        for name, found in robust.items()
+        _row(f"{name}: {key}", f"{figures[key]:.3g}", f"at most {bound:g}", figures[key] <= bound)
+        for name, figures in robust.items()
         for key, bound in bounds[name].items()
     ]
 
 
 def margin_rows(
-    found: Mapping[str, float], least: Mapping[str, float], model: ModelParameters
+    measured: Mapping[str, float], least: Mapping[str, float], model: ModelParameters
 ) -> list[Row]:
     """Margins of the NMPC's loops against those of the tight PI."""
-    words, limits = texts(found, model), texts(least, model)
+    words, limits = texts(measured, model), texts(least, model)
     return [
         _row(
             f"nmpc: margin, {key.removesuffix('_s').replace('_', ', ')}",
             words[key],
             f"at least {limits[key]}, that of decentral:tight",
-            found[key] * GAIN_ACCURACY >= least[key],
+            measured[key] * GAIN_ACCURACY >= least[key],
         )
-        for key in found
+        for key in measured
     ]
 
 
@@ -388,7 +388,7 @@ _ACCEPTED = {
 
 
 def accept_rows(
-    found: Mapping[str, Any],
+    measured: Mapping[str, Any],
     predicted: Mapping[str, Any],
     commands: Sequence[tuple[str, str]],
     controller: str,
@@ -400,7 +400,7 @@ def accept_rows(
     others = [reason or source for source, reason in commands if source != controller]
     rows = [_commanded(controller, len(commands), others)]
     for key, (title, unit, factor, more) in _ACCEPTED.items():
-        value, usual = found.get(key), predicted.get(key)
+        value, usual = measured.get(key), predicted.get(key)
         if usual is None:
             continue
         most = factor * usual + more

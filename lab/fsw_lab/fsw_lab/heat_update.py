@@ -55,7 +55,7 @@ def check_record(bag: Path, profile: HeatProfile) -> None:
         raise RefusedWeldError(bag.name, Refusal.NO_RECORD, file)
     try:
         record = json_content_of(read_text(file, "record"), str(file))
-        verdict, judged = str(record["verdict"]), {one["sha256"] for one in record["files"]}
+        verdict, judged = str(record["verdict"]), {file["sha256"] for file in record["files"]}
     except (KeyError, TypeError):
         raise RefusedWeldError(bag.name, Refusal.NO_RECORD, file) from None
     data = {data_sha256(path) for path in bag.iterdir() if path.name.endswith(SUFFIXES)}
@@ -71,7 +71,7 @@ def check_type(weld: WeldSignals, earlier: Sequence[WeldSignals]) -> None:
     for other in earlier:
         for key in TYPE:
             if weld.custom.get(key) != other.custom.get(key):
-                own, its = (one.custom.get(key, "none") for one in (weld, other))
+                own, its = (bag.custom.get(key, "none") for bag in (weld, other))
                 detail = f"{key} {own}, in {other.path.name} {its}"
                 raise RefusedWeldError(weld.path.name, Refusal.IDENTITY, detail)
         if not path or path != _path(other):
@@ -84,7 +84,7 @@ def _path(weld: WeldSignals) -> list[tuple[float, float, float]]:
     if not text:
         return []
     phases = parse(text, f"{weld.path}: scenario.yaml").phases
-    return [(one.from_deg, one.to_deg, one.length_mm) for one in phases if one.length_mm > 0.0]
+    return [(row.from_deg, row.to_deg, row.length_mm) for row in phases if row.length_mm > 0.0]
 
 
 def check_heat(before: HeatProfile, after: HeatProfile) -> None:

@@ -139,8 +139,8 @@ def identify(
         raise InputError("identify: needs at least one weld, or its bag")
     if not 0.0 <= lag_s < np.inf:
         raise InputError(f"identify: drive_lag_s is a number of seconds from 0, not {lag_s:g}")
-    signals = [weld_of(one).signals for one in welds]
-    data = [prepare(one, lag_s) for one in signals]
+    signals = [weld_of(weld).signals for weld in welds]
+    data = [prepare(row, lag_s) for row in signals]
     judge = None if validate is None else prepare(weld_of(validate).signals, lag_s)
     first = start or ModelParameters()
     deviations: dict[str, float] = {}
@@ -148,15 +148,15 @@ def identify(
         first, deviations = from_air(weld_of(air).signals, first, lag_s)
     segments = [segment for weld in data for segment in weld.segments]
     earlier = None if prior is None else Prior.of(first, prior, other_type)
-    found = estimation.identify(segments, first, progress, steady, earlier)
+    fit = estimation.identify(segments, first, progress, steady, earlier)
     validation = None
     if judge is not None:
-        validation = estimation.validate(judge.segments, found.parameters, found.known_lag_s)
+        validation = estimation.validate(judge.segments, fit.parameters, fit.known_lag_s)
     rates = drive_rates(signals)
     notes = tuple(note for weld in data for note in weld.notes) + rates.notes
     return Identified(
         ", ".join(weld.name for weld in data),
-        found,
+        fit,
         validation,
         notes,
         deviations,

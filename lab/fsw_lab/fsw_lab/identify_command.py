@@ -170,15 +170,15 @@ def _design(arguments: argparse.Namespace) -> int:
     check_new([arguments.out], arguments.force)
     model = _model(arguments.model)
     with ProgressBar("trying experiments") as bar:
-        found = propose(duration_s, not arguments.open_loop, model, progress=bar)
+        design = propose(duration_s, not arguments.open_loop, model, progress=bar)
     rows = [
         (name, f"{d * getattr(model, name):.2g}", f"{100.0 * d:.2f}")
-        for name, d in found.deviations.items()
+        for name, d in design.deviations.items()
     ]
     print_table(rows, ("parameter", "expected std", "[%]"), words=1)
     print(
-        f"moves the modelled process by {found.depth_mm:.3f} mm (bound {SAFE_MM:g}) and "
-        f"{found.temperature_c:.1f} degC (bound {SAFE_C:g})"
+        f"moves the modelled process by {design.depth_mm:.3f} mm (bound {SAFE_MM:g}) and "
+        f"{design.temperature_c:.1f} degC (bound {SAFE_C:g})"
     )
     if arguments.open_loop:
         print(
@@ -187,7 +187,7 @@ def _design(arguments: argparse.Namespace) -> int:
             "use the closed-loop experiment"
         )
     if arguments.out is not None:
-        write_text(arguments.out, found.scenario)
+        write_text(arguments.out, design.scenario)
         print(f"written: {arguments.out}")
     return 0
 

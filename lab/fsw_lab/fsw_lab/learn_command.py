@@ -86,7 +86,7 @@ def _update(arguments: argparse.Namespace) -> int:
     profile = HeatProfile.from_file(file)
     check_record(bag, profile)
     bags = [*earlier_bags(profile, bag.parent, MOST_WELDS - 1).values(), bag]
-    welds = [(one.name, data_sha256(one), cut_to_scenario(read_weld(one))) for one in bags]
+    welds = [(bag.name, data_sha256(bag), cut_to_scenario(read_weld(bag))) for bag in bags]
     *earlier, weld = (signals for _, _, signals in welds)
     check_type(weld, earlier)
     model = (

@@ -78,7 +78,7 @@ class Comparison:
     @property
     def beyond(self) -> list[TickDifference]:
         """The differences that are larger than the tolerance."""
-        return [one for one in self.differences if one.size > self.tolerance]
+        return [item for item in self.differences if item.size > self.tolerance]
 
     def values(self) -> dict[str, Any]:
         """The result as plain values for JSON; sizes of differences are absolute, and None without any."""
@@ -91,8 +91,8 @@ class Comparison:
             "first_s": first and first.time_s,
         }
         for name in ("force_kn", "speed_rpm"):
-            sizes = [(abs(getattr(one, name)), one.time_s) for one in self.differences]
-            known = [one for one in sizes if math.isfinite(one[0])]
+            sizes = [(abs(getattr(item, name)), item.time_s) for item in self.differences]
+            known = [size for size in sizes if math.isfinite(size[0])]
             largest, at_s = max(known, default=(0.0, None))
             mean = sum(size for size, _ in known) / max(self.ticks, 1)
             result[name] = {"largest": largest, "largest_s": at_s, "mean": mean}
@@ -154,9 +154,9 @@ class Replay:
         for tick, (time_s, proposal, was) in enumerate(
             zip(self.time_s, self.proposals, recorded, strict=True)
         ):
-            found = was and _difference(proposal, *was)
-            if found:
-                differences.append(TickDifference(tick, time_s, *found))
+            differs = was and _difference(proposal, *was)
+            if differs:
+                differences.append(TickDifference(tick, time_s, *differs))
         return Comparison(title, sum(was is not None for was in recorded), differences, tolerance)
 
 
@@ -209,7 +209,7 @@ def replay(
     references = recorded.set_points(notes)
     n = recorded.ticks_in(duration_s)
     stamps, came, time_s = (
-        one[:n].tolist() for one in (recorded.stamps, recorded.came, recorded.time_s)
+        row[:n].tolist() for row in (recorded.stamps, recorded.came, recorded.time_s)
     )
     return Replay(
         controller=name,
@@ -328,7 +328,7 @@ class _Inputs:
             self._answers = [sent for _, sent in _sent(self._own, [None] * len(self.stamps))]
         #: when the last sample of each tick had been received; of one without samples the proposal
         self.came = np.array(
-            [received.get(*one) for one in zip(self.stamps.tolist(), answered, strict=True)],
+            [received.get(*key) for key in zip(self.stamps.tolist(), answered, strict=True)],
             np.int64,
         )
 
@@ -364,7 +364,7 @@ class _Inputs:
 
     def comparable(self, name: str, notes: list[str]) -> bool:
         """Whether the bag shows all that the controller knew: from its start on, and in which order."""
-        before = any(0 < one.stamp_ns < self.stamps[0] for one in self._stated[:1])
+        before = any(0 < item.stamp_ns < self.stamps[0] for item in self._stated[:1])
         if before:  # the first set-points that it reports are older
             notes.append(
                 f"the bag begins in mid-weld: the state of {name} then is unknown, its proposals may differ"
@@ -383,18 +383,18 @@ class _Inputs:
         tick; the proposal is no measure, because it is later by the solve time.
         """
         known = {
-            (round(one.depth_mm, 9), one.temperature_c): one.reference
-            for one in (*self._sent, *self._held)
+            (round(row.depth_mm, 9), row.temperature_c): row.reference
+            for row in (*self._sent, *self._held)
         }
         # a conversion on the wire may change the last bit
         points = [
-            (one.stamp_ns, known.get((round(one.depth_mm, 9), one.temperature_c), one.reference))
-            for one in self._stated
+            (row.stamp_ns, known.get((round(row.depth_mm, 9), row.temperature_c), row.reference))
+            for row in self._stated
         ]
         waited = bool(self._own) and reasons(self._own)[0] == NO_SET_POINT
         if not points or (points[0][0] > self.stamps[0] and not waited):
             sent = timeline(self._sent, self._held, self.stamps, self.came, notes)
-            points = [*(one for one in sent if not points or one[0] < points[0][0]), *points]
+            points = [*(point for point in sent if not points or point[0] < points[0][0]), *points]
         if self._by_hand():
             what = "what announces them" if self._stated else "they, and what announces them,"
             notes.append(
@@ -406,13 +406,13 @@ class _Inputs:
     def _by_hand(self) -> bool:
         """Whether set-points arrived in real time with immediate effect, not ahead as a programme sends them."""
         coming = [
-            one for one in self._sent if self.came[0] > SIMULATED_NS and one.log_ns > self.came[0]
+            row for row in self._sent if self.came[0] > SIMULATED_NS and row.log_ns > self.came[0]
         ]
         newest = self.stamps[
-            np.searchsorted(self.came, [one.log_ns for one in coming]) - 1
+            np.searchsorted(self.came, [row.log_ns for row in coming]) - 1
         ].tolist()
         return any(
-            one.stamp_ns <= stamp + TICK_NS for one, stamp in zip(coming, newest, strict=True)
+            row.stamp_ns <= stamp + TICK_NS for row, stamp in zip(coming, newest, strict=True)
         )
 
     def show(
@@ -446,9 +446,9 @@ class _Inputs:
             last_ns = stamp_ns
             sent = {sensor: samples.get(stamp_ns) for sensor, samples in self._samples.items()}
             values = {
-                sensor: one.value
-                for sensor, one in sent.items()
-                if one and not one.after(answer_sent)
+                sensor: sample.value
+                for sensor, sample in sent.items()
+                if sample and not sample.after(answer_sent)
             }
             measurement = guard.measure(stamp_ns * 1e-9, values, self._drives.get(stamp_ns))
             followed = reference and replace(reference, coming=plan.after(stamp_ns, reference))
@@ -466,9 +466,10 @@ class _Inputs:
     def applied_rows(self, stamps: Iterable[int]) -> list[Recorded | None]:
         """The command applied in each tick; of several commands with one stamp the first, as in the plant."""
         commands = {stamp_ns: sent.value for stamp_ns, sent in reversed(self._commands)}
-        found = (commands.get(stamp_ns) for stamp_ns in stamps)
+        applied = (commands.get(stamp_ns) for stamp_ns in stamps)
         return [
-            one and (n_from_kn(one.force_kn), rad_s_from_rpm(one.speed_rpm), None) for one in found
+            cmd and (n_from_kn(cmd.force_kn), rad_s_from_rpm(cmd.speed_rpm), None)
+            for cmd in applied
         ]
 
 
@@ -492,7 +493,7 @@ def _commands(table: Table) -> list[tuple[int, _Sent[Command]]]:
         for force, speed in zip(*columns, strict=True)
     ]
     return [
-        one
-        for one in _sent(table, commands)
-        if math.isfinite(one[1].value.force_kn) and math.isfinite(one[1].value.speed_rpm)
+        entry
+        for entry in _sent(table, commands)
+        if math.isfinite(entry[1].value.force_kn) and math.isfinite(entry[1].value.speed_rpm)
     ]

@@ -42,9 +42,9 @@ def write_shadow(replay: Replay, source: Path, namespace: str, target: Path) -> 
         BagReader(source) as reader,
         BagWriter(target, custom_data={"shadow_of": source.name}) as writer,
     ):
-        copied = {name: one for name, one in reader.topics().items() if shown.fullmatch(name)}
-        for one in copied.values():
-            writer.add_topic(one)
+        copied = {name: kind for name, kind in reader.topics().items() if shown.fullmatch(name)}
+        for kind in copied.values():
+            writer.add_topic(kind)
         writer.add_topic(
             RecordedTopic(topic, _TYPE, interface_definition(_TYPE), interface_hash(_TYPE))
         )

@@ -103,14 +103,14 @@ def write_tunings(
     ``decentral:tight``. ``machine_file``: data of the sensors and drives, which the NMPC gets.
     """
     model = ModelParameters.from_file(model_file)
-    found = Tunings({}, {})
+    tunings = Tunings({}, {})
     for name in NAMES:
         label = f"decentral:{name}"
         with ProgressBar(label) as bar:
             gains = fsw.tune(label, model_file, evaluations=evaluations, progress=bar)
-        found.parameters[label] = gains
-        found.margins[label] = margins.Loops(label, gains, model).margins()
-        words = _words(found.margins[label], model)
+        tunings.parameters[label] = gains
+        tunings.margins[label] = margins.Loops(label, gains, model).margins()
+        words = _words(tunings.margins[label], model)
         _write(folder / f"decentral_{name}.yaml", "fsw_decentral", gains, origin + words)
     copy, tuning_file = folder / "model.yaml", folder / "nmpc_tuning.yaml"
     shutil.copyfile(model_file, copy)
@@ -121,30 +121,30 @@ def write_tunings(
     tuning = fsw.tune("nmpc", model_file)
     rule = f"# By rule from the dead time of {model_file.name}"
     if matched:
-        slower = margins.slower_for(found.margins[TIGHT], files, model)
+        slower = margins.slower_for(tunings.margins[TIGHT], files, model)
         tuning["temperature_time_s"] *= slower
         rule += f", times {slower:.3g} for the margins of {TIGHT}"
     parameters = files | {"tuning_file": str(tuning_file)}
     tuning_file.write_text(yaml.safe_dump(tuning), "utf-8")
-    found.parameters[DEFAULT] = parameters
-    found.margins[DEFAULT] = margins.Loops(DEFAULT, parameters, model).margins()
-    words = _words(found.margins[DEFAULT], model)
+    tunings.parameters[DEFAULT] = parameters
+    tunings.margins[DEFAULT] = margins.Loops(DEFAULT, parameters, model).margins()
+    words = _words(tunings.margins[DEFAULT], model)
     tuning_file.write_text(f"{origin}{rule}.\n{words}{yaml.safe_dump(tuning)}", "utf-8")
     _write(folder / "nmpc.yaml", "fsw_nmpc", parameters, origin + words)
-    return found
+    return tunings
 
 
-def _words(found: Mapping[str, float], model: ModelParameters) -> str:
+def _words(measured: Mapping[str, float], model: ModelParameters) -> str:
     """Margins as a comment of a file."""
     words = ", ".join(
         f"{title} {text}"
-        for title, text in zip(margins.TITLES.values(), _ordered(found, model), strict=True)
+        for title, text in zip(margins.TITLES.values(), _ordered(measured, model), strict=True)
     )
     return f"# Margins with this model, by simulation of small steps: {words}.\n"
 
 
-def _ordered(found: Mapping[str, float], model: ModelParameters) -> list[str]:
-    words = margins.texts(found, model)
+def _ordered(measured: Mapping[str, float], model: ModelParameters) -> list[str]:
+    words = margins.texts(measured, model)
     return [words[key] for key in margins.TITLES]
 
 

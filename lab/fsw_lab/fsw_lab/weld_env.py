@@ -142,8 +142,8 @@ def _course(scenario: Scenario) -> tuple[Array, Array]:
     disturbances, plant = np.zeros((scenario.n_ticks + 2, len(CHANNELS))), plant_of(scenario)
     for tick in range(1, scenario.n_ticks + 2):
         plant.measure()
-        for one in plant.disturbances.values():
-            disturbances[tick, CHANNELS.index(one.target)] += one.value(plant.time_s)
+        for each in plant.disturbances.values():
+            disturbances[tick, CHANNELS.index(each.target)] += each.value(plant.time_s)
         plant.apply(plant.applied)
         plant.step()
     return wanted, disturbances
@@ -245,7 +245,7 @@ class WeldVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[
         self._welds = _Welds(scenario, plant, noise, num_envs)
         self.single_observation_space, self.single_action_space = OBSERVATION, ACTION
         self.observation_space, self.action_space = (
-            batch_space(one, num_envs) for one in (OBSERVATION, ACTION)
+            batch_space(space, num_envs) for space in (OBSERVATION, ACTION)
         )
         self._ended = np.zeros(num_envs, dtype=bool)
 

@@ -86,7 +86,7 @@ def test_unreadable_campaign_is_one_line(tmp_path, capsys, content, words):
 def test_the_command_of_a_weld_reproduces_it_to_the_last_digit(folder, tmp_path, capsys):
     made, table = dataset.load(folder)
     for number, row in enumerate(table.to_pylist()[2:4]):
-        entrant = next(one for one in made.entrants if one.label == row["controller"])
+        entrant = next(entrant for entrant in made.entrants if entrant.label == row["controller"])
         out = tmp_path / str(number)
         assert (
             main([*arguments(folder, entrant, made, row), "--no-figures", "--out", str(out)]) == 0

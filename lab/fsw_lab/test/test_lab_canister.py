@@ -156,7 +156,7 @@ def test_vtk_files_have_the_whole_geometry_and_its_heat(scenario, tmp_path):
         == 0
     )
     series = json.loads((tmp_path / "vtk" / "canister.vtu.series").read_text())
-    assert [one["time"] for one in series["files"]] == pytest.approx([10.0, 40.0])
+    assert [file["time"] for file in series["files"]] == pytest.approx([10.0, 40.0])
     mesh = pytest.importorskip("meshio").read(tmp_path / "vtk" / series["files"][1]["name"])
     (cells,) = (block.data for block in mesh.cells if block.type == "hexahedron")
     corners = mesh.points[cells].astype(float)
@@ -189,7 +189,7 @@ def test_vtk_files_have_the_whole_geometry_and_its_heat(scenario, tmp_path):
         (["bag"], "--scenario does"),
     ],
 )
-def test_what_cannot_be_done_is_said_in_one_line_before_any_work(
+def test_impossible_request_is_one_line_before_any_work(
     arguments, complaint, scenario, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setenv("PATH", str(tmp_path))  # without ffmpeg

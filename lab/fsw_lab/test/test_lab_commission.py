@@ -86,7 +86,7 @@ def test_a_step_is_refused_and_nothing_after_it_is_done():
     assert script.carried == ["check"] and script.verdicts()[:3] == ["done", "refused", "open"]
 
 
-def test_left_and_taken_up_again():
+def test_commissioning_resumes_where_it_was_left():
     script = Script("y", "quit")
     script.session.run()
     again = Script(*["y"] * 5, course=script.saved[-1])
@@ -166,7 +166,7 @@ def test_a_graph_at_rest_passes_the_check():
         ("speed, off its command", {"speed_rpm": np.full(100, 4.0)}),
     ],
 )
-def test_what_is_wrong_is_found(what, changes):
+def test_wrong_state_of_the_graph_fails_the_check(what, changes):
     assert what in [
         row.what for row in check_rows(heard(**changes), ["decentral"]) if not row.good
     ]
@@ -193,7 +193,7 @@ def test_an_experiment_steps_set_points_within_bounds():
             check_experiment(scenario_file.load(name))
 
 
-def test_a_model_must_be_known_well():
+def test_uncertain_model_fails_its_identification():
     parameters = ModelParameters()
     known = {name: 0.02 * abs(value) for name, value in dict(parameters).items()}
     assert all(row.good for row in identify_rows(parameters, known))
@@ -216,13 +216,13 @@ def test_the_nmpc_has_the_margins_of_the_tight_tuning():
         "depth_delay_s": 1.1,
         "temperature_delay_s": 6.2,
     }
-    found = {
+    measured = {
         "depth_gain": inf,
         "temperature_gain": 2.65,
         "depth_delay_s": 1.8,
         "temperature_delay_s": 5.7,
     }
-    rows = margin_rows(found, least, ModelParameters())
+    rows = margin_rows(measured, least, ModelParameters())
     assert [row.good for row in rows] == [True, True, True, False]
     assert rows[3].what.startswith("nmpc: ") and "temperature, delay" in rows[3].what
     assert rows[3].found == "5.7 s"
@@ -243,7 +243,7 @@ def test_acceptance_is_measured_against_what_the_model_predicts():
     assert not any(row.good for row in bad)
 
 
-def test_the_test_is_cut_out_of_its_bag():
+def test_acceptance_is_cut_out_of_its_bag():
     scenario = scenario_file.load(
         "acceptance", ["duration_s=4", "events=[{at_s: 1.0, reference: {depth_mm: 2.7}}]"]
     )
@@ -282,12 +282,12 @@ def test_the_nmpc_gets_what_the_experiment_shows_of_the_machine(tmp_path, monkey
         scenario_file.parse("{name: rest, duration_s: 1.0, controller: none}", "rest")
     ).run()
     seen = MachineData(temperature_noise_c=0.4, speed_rate_rpm_per_s=10.0)
-    found = SimpleNamespace(text="{}\n", machine=seen, parameters=ModelParameters(), std={})
+    identified = SimpleNamespace(text="{}\n", machine=seen, parameters=ModelParameters(), std={})
     margins = dict.fromkeys(("depth_gain", "temperature_gain"), 2.0)
     margins |= dict.fromkeys(("depth_delay_s", "temperature_delay_s"), 6.0)
     loops = SimpleNamespace(margins=lambda: margins, has=lambda *_: True)
     monkeypatch.setattr(commission, "read_weld", lambda bag: rest)
-    monkeypatch.setattr(commission.fsw, "identify", lambda *_, **__: found)
+    monkeypatch.setattr(commission.fsw, "identify", lambda *_, **__: identified)
     monkeypatch.setattr(commission.report, "write", lambda *_: None)
     monkeypatch.setattr(commission.summary, "remarks", lambda _: [])
     monkeypatch.setattr("fsw_lab.tune_command.margins.Loops", lambda *_: loops)
@@ -347,8 +347,8 @@ def test_neither_ctrl_c_nor_sigterm_keeps_a_weld_from_being_aborted(monkeypatch)
         yield None
 
     def aborted(node):
-        for one in (signal.SIGTERM, signal.SIGINT):
-            signal.raise_signal(one)
+        for sign in (signal.SIGTERM, signal.SIGINT):
+            signal.raise_signal(sign)
         return "the weld was aborted"
 
     monkeypatch.setattr(commission_ros, "operator", operator)

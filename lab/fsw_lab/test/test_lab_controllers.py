@@ -24,7 +24,7 @@ def test_a_campaign_runs_it_and_depends_on_its_source(tmp_path):
         )
     )
     campaign = definition.load(file)
-    assert [one.label for one in campaign.entrants] == ["own", "decentral"]
+    assert [entrant.label for entrant in campaign.entrants] == ["own", "decentral"]
     assert run_weld(campaign, 0, campaign.parameters(0), campaign.entrants[0])["status"] == "ok"
     before = campaign.digest
     own(tmp_path, "return Proposal(Command(80.0, 400.0))")
@@ -64,7 +64,7 @@ def bag_with(monkeypatch, names, differences=(), not_comparable=()):
     monkeypatch.setattr("fsw_lab.bag_replay.replay", replay)
 
 
-def test_verify_leaves_out_whom_it_does_not_know(weld_bag, monkeypatch, capsys):
+def test_verify_skips_unknown_controllers(weld_bag, monkeypatch, capsys):
     bag_with(monkeypatch, ["stranger", "decentral"])
     assert main(["bag", "verify", str(weld_bag)]) == 3
     captured = capsys.readouterr()
@@ -73,14 +73,14 @@ def test_verify_leaves_out_whom_it_does_not_know(weld_bag, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    ("found", "code"),
+    ("compared", "code"),
     [((0, 0, 0), 0), ((0, 4, 0), 4), ((4, 1), 1), ((1, 4), 1), ((3, 4), 4), ((4, 3), 4)],
 )
-def test_what_cannot_be_compared_is_neither_equal_nor_unequal(weld_bag, monkeypatch, found, code):
+def test_unknown_comparison_has_its_own_exit_code(weld_bag, monkeypatch, compared, code):
     """By controller: 0 equal, 1 different, 3 unknown here, 4 different but its state at the beginning is unknown."""
     names = {
-        f"{'stranger' if one == 3 else 'decentral'}{number}": one
-        for number, one in enumerate(found)
+        f"{'stranger' if kind == 3 else 'decentral'}{number}": kind
+        for number, kind in enumerate(compared)
     }
 
     def maker(name):
@@ -88,7 +88,7 @@ def test_what_cannot_be_compared_is_neither_equal_nor_unequal(weld_bag, monkeypa
             raise InputError("unknown")
 
     different, not_comparable = (
-        [name for name, one in names.items() if one in kinds] for kinds in ((1, 4), (4,))
+        [name for name, kind in names.items() if kind in kinds] for kinds in ((1, 4), (4,))
     )
     bag_with(monkeypatch, list(names), different, not_comparable)
     monkeypatch.setattr("fsw_lab.bag_replay.maker", maker)

@@ -160,9 +160,9 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, monkeypatch, capsys):
     before = sorted(tmp_path.rglob("*"))
     out = [] if "--out" in arguments else ["--out", "made"]
     assert main(["export", "c", *arguments, *out]) == 1
-    told = capsys.readouterr().err.strip().splitlines()[-1]
-    assert told.startswith("error: ")
-    assert words in told
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert line.startswith("error: ")
+    assert words in line
     assert sorted(tmp_path.rglob("*")) == before
 
 

@@ -189,14 +189,14 @@ ERRORS = [
 ]
 
 
-@pytest.mark.parametrize(("unit", "options", "told"), ERRORS)
-def test_what_cannot_be_exported_is_told_in_one_line(
+@pytest.mark.parametrize(("unit", "options", "words"), ERRORS)
+def test_impossible_export_is_one_line(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     unit: str,
     options: list[str],
-    told: str,
+    words: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("short.yaml").write_text("dead_time_s: 0.05\n")
@@ -204,7 +204,7 @@ def test_what_cannot_be_exported_is_told_in_one_line(
     Path("unknown.yaml").write_text("gain: 1.0\n")
     assert main(["export", "fmu", unit, "--out", "x.fmu", *options]) == 1
     shown = capsys.readouterr()
-    assert told in shown.err and shown.err.count("\n") == 1 and shown.out == ""
+    assert words in shown.err and shown.err.count("\n") == 1 and shown.out == ""
     assert not Path("x.fmu").exists()
 
 

@@ -124,7 +124,7 @@ def test_a_weld_whose_heat_is_far_from_the_others_is_refused():
     assert refusal_of(check_heat, before, after) is Refusal.HEAT
 
 
-def test_what_was_computed_is_replaced_by_the_first_weld(tmp_path):
+def test_computed_profile_is_replaced_by_the_first_weld(tmp_path):
     """Which is of another type if its heat rises by far more than 0.4 kW on both sides allow."""
     computed = profile(("drawn", b"drawn"), computed=True)
     assert not earlier_bags(computed, tmp_path, 7)

@@ -100,9 +100,9 @@ def test_identify(
     seen = MachineData.from_file(machine)
     assert (seen.depth_noise_mm, seen.temperature_noise_c) == pytest.approx((2e-3, 0.1), rel=0.1)
     assert (seen.force_rate_kn_per_s, seen.speed_rate_rpm_per_s) == (None, None)
-    found = ModelParameters.from_file(out)
-    assert found.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.03)
-    assert found.depth_gain_mm_per_kn_s == pytest.approx(0.8 * 0.0016, rel=0.05)
+    model = ModelParameters.from_file(out)
+    assert model.thermal_gain_c_per_kw == pytest.approx(1.3 * 18.1, rel=0.03)
+    assert model.depth_gain_mm_per_kn_s == pytest.approx(0.8 * 0.0016, rel=0.05)
     assert {path.name for path in folder.glob("[!.]*")} == {"report.html", "report.svg"}
     names = "geometry_factor, contact_radius_m, geometry_offset_m3: "
     assert f"{names}not identifiable" in capsys.readouterr().out
@@ -114,7 +114,8 @@ def test_identify(
     assert main(["identify", "weld", *prior, *files]) == 0
     known, both = map(ParameterCovariance.from_file, (covariance, later))
     variances = [
-        dict(zip(one.parameters, np.diag(one.matrix), strict=True)) for one in (known, both)
+        dict(zip(known_parameters.parameters, np.diag(known_parameters.matrix), strict=True))
+        for known_parameters in (known, both)
     ]
     assert all(
         variances[1][name] < variances[0][name] for name in ("depth_zero_s", "copper_lag_s")
@@ -210,7 +211,7 @@ def test_a_prior_is_of_a_model(capsys: pytest.CaptureFixture[str]) -> None:
     assert "no prior" in error_of(capsys, "identify", "--design", "--prior", "covariance.yaml")
 
 
-def test_the_covariance_is_of_what_the_model_file_says() -> None:
+def test_covariance_is_that_of_the_parameters_in_the_model_file() -> None:
     """Where the thermocouple lags, that is not the tool's dead time."""
     tool = ModelParameters()
     fit = SimpleNamespace(
@@ -250,13 +251,13 @@ def test_design(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["identify_closed_loop", "identify_open_loop"])
-def test_shipped_experiments_are_safe_and_tell_all(name: str) -> None:
-    found = identification_design.assess(scenario_file.load(name).text)
+def test_shipped_experiments_are_safe_and_identify_all_parameters(name: str) -> None:
+    proposal = identification_design.assess(scenario_file.load(name).text)
     assert (
-        found.depth_mm < identification_design.SAFE_MM
-        and found.temperature_c < identification_design.SAFE_C
+        proposal.depth_mm < identification_design.SAFE_MM
+        and proposal.temperature_c < identification_design.SAFE_C
     )
-    assert all(found.deviations[of] < aim for of, aim in identification_design.AIMS.items())
+    assert all(proposal.deviations[of] < aim for of, aim in identification_design.AIMS.items())
 
 
 def test_tune_refuses_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -46,7 +46,7 @@ def commands(k):
     ],
     ids=["default", "dead times", "coloured noise and a slow probe", "a real machine"],
 )
-def test_each_is_a_single_plant(settings):
+def test_each_plant_of_a_batch_equals_a_single_one(settings):
     disturbances = np.zeros((N_TICKS + 2, len(CHANNELS)))
     disturbances[50:, 0], disturbances[300:, 2], disturbances[100:400, 3] = 0.05, 12.0, 0.4
     disturbances[70:, 1] = 4.0

@@ -43,7 +43,7 @@ class Integrator:
     def step(
         self, measurement: Measurement, reference: Reference, applied: Command, dt_s: float
     ) -> Proposal:
-        ahead = [one.depth_mm for one in reference.coming][:1]
+        ahead = [point.depth_mm for point in reference.coming][:1]
         error = sum([reference.depth_mm, *ahead]) / (1 + len(ahead)) - measurement.depth_mm
         self.total += error * dt_s
         self.ticks += 1
@@ -112,8 +112,8 @@ class Tape:
 
     def announce(self, coming: Reference, at_ns: int) -> Coming:
         depth_m, temperature_c = m_from_mm(coming.depth_mm), coming.temperature_c
-        one = {"header": header(at_ns), "depth": depth_m, "temperature": temperature_c}
-        self.put("/fsw/reference_plan", references=[one])
+        message = {"header": header(at_ns), "depth": depth_m, "temperature": temperature_c}
+        self.put("/fsw/reference_plan", references=[message])
         return Coming(at_ns / 1e9, coming.depth_mm, temperature_c)
 
 
@@ -241,7 +241,7 @@ def test_same_build_is_reproduced_bit_by_bit(tmp_path: Path, options: dict[str, 
 
 def test_first_difference_is_found_however_small(tmp_path: Path) -> None:
     result = check(record(tmp_path / "bag"), odd_tick=33).against_own("simple")
-    assert [one.tick for one in result.differences] == [33]
+    assert [difference.tick for difference in result.differences] == [33]
     assert result.differences[0].time_s == pytest.approx(4.4)  # the first stamp is 1.1 s
     assert (
         result.differences[0].force_kn == pytest.approx(1e-9, abs=2e-11)
@@ -288,14 +288,14 @@ def test_no_tolerance_covers_health_or_what_is_not_finite(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("begin", "by_hand", "noted"), [(1, True, False), (2**60, True, True), (2**60, False, False)]
 )
-def test_set_points_by_hand_in_real_time_are_told(
+def test_manual_set_points_in_real_time_are_reported(
     tmp_path: Path, begin: int, by_hand: bool, noted: bool, stated: bool
 ) -> None:
     bag = record(tmp_path / "bag", begin_ns=begin, by_hand=by_hand, stated=stated)
     assert any("by hand" in note for note in check(bag).notes) == noted
 
 
-def test_bag_that_begins_in_mid_weld_is_told(tmp_path: Path) -> None:
+def test_bag_that_begins_in_mid_weld_is_reported(tmp_path: Path) -> None:
     """A recorder that was started again gets the set-points that the controller stated before, as they are latched."""
     with (
         BagReader(record(tmp_path / "whole", stated=True)) as reader,
@@ -321,20 +321,20 @@ def test_bag_that_begins_in_mid_weld_is_told(tmp_path: Path) -> None:
 
 #: which receive times a recorder has noted instead of each right one, with the publish time
 RECEIVED: dict[str, Callable[[BagRecord], list[int]]] = {
-    "all twice": lambda one: [one.log_time_ns] * 2,
-    "all twice, later": lambda one: [one.log_time_ns, one.log_time_ns + 1500],
-    "clock set back": lambda one: [
-        one.log_time_ns - (3600 * 10**9 if one.log_time_ns > 2**60 + 200_000 else 0)
+    "all twice": lambda record: [record.log_time_ns] * 2,
+    "all twice, later": lambda record: [record.log_time_ns, record.log_time_ns + 1500],
+    "clock set back": lambda record: [
+        record.log_time_ns - (3600 * 10**9 if record.log_time_ns > 2**60 + 200_000 else 0)
     ],
-    "clock set back a little": lambda one: [
-        one.log_time_ns - (150_000 if one.log_time_ns > 2**60 + 200_000 else 0)
+    "clock set back a little": lambda record: [
+        record.log_time_ns - (150_000 if record.log_time_ns > 2**60 + 200_000 else 0)
     ],
-    "all the same": lambda one: [2**60],
-    "no time now and then": lambda one: [
-        (0 if one.log_time_ns // 1000 % 7 == 0 else one.log_time_ns)
+    "all the same": lambda _record: [2**60],
+    "no time now and then": lambda record: [
+        (0 if record.log_time_ns // 1000 % 7 == 0 else record.log_time_ns)
     ],
-    "no time at last": lambda one: [
-        (2**64 - 1 if one.log_time_ns // 1000 % 7 == 0 else one.log_time_ns)
+    "no time at last": lambda record: [
+        (2**64 - 1 if record.log_time_ns // 1000 % 7 == 0 else record.log_time_ns)
     ],
 }
 
@@ -348,10 +348,13 @@ def received(
             writer.add_topic(topic)
         for file in reader.attachments():
             writer.attach(file.name, file.media_type, file.data)
-        for one in reader.records():
-            for log_ns in change(one):
+        for record in reader.records():
+            for log_ns in change(record):
                 writer.write(
-                    one.topic, one.data, log_ns, one.publish_time_ns if published else log_ns
+                    record.topic,
+                    record.data,
+                    log_ns,
+                    record.publish_time_ns if published else log_ns,
                 )
     return bag
 
@@ -380,12 +383,12 @@ def test_tick_that_the_plant_has_repeated_is_replayed_once(tmp_path: Path) -> No
     """The controller has then sent the same proposal again, without another step."""
     source, proposals = record(tmp_path / "source", stated=True), count()
 
-    def change(one: BagRecord) -> list[int]:
-        own = one.topic == "/fsw/simple/proposal"
+    def change(record: BagRecord) -> list[int]:
+        own = record.topic == "/fsw/simple/proposal"
         return (
-            [one.log_time_ns, one.log_time_ns + 100]
+            [record.log_time_ns, record.log_time_ns + 100]
             if own and next(proposals) == 30
-            else [one.log_time_ns]
+            else [record.log_time_ns]
         )
 
     result = check(received(source, tmp_path / "bag", change, published=False)).against_own(

@@ -20,9 +20,9 @@ def policy(seen):
     return np.array([0.5 * (seen[5] - seen[0]), 0.4 * (seen[6] - seen[2])])
 
 
-def test_gymnasium_finds_nothing_wrong(recwarn):
+def test_environment_passes_the_checks_of_gymnasium(recwarn):
     check_env(gymnasium.make("fsw/Weld-v0", scenario="quick").unwrapped, skip_render_check=True)
-    assert [str(one.message) for one in recwarn] == []
+    assert [str(warning.message) for warning in recwarn] == []
 
 
 @pytest.mark.parametrize("scenario", ["quick", "ramp_and_sine"])
@@ -53,14 +53,14 @@ def test_welds_at_once_are_single_ones_and_begin_again():
     seen, _ = envs.reset(seed=5)
     single = gymnasium.make("fsw/Weld-v0", scenario="quick", noise=False)
     single.reset(seed=0)
-    assert len({tuple(one) for one in seen}) == 3  # each has its own noise
+    assert len({tuple(row) for row in seen}) == 3  # each has its own noise
     for _ in range(599):
         seen, _, lost, over, info = envs.step(np.zeros((3, 2)))
-        _, _, _, ended, told = single.step(np.zeros(2))
+        _, _, _, ended, details = single.step(np.zeros(2))
         assert bool(over[0]) == ended
     assert over.all() and not lost.any()
     assert info["kpi"]["iae_depth_mm_s"] == pytest.approx(
-        np.full(3, told["kpi"]["iae_depth_mm_s"])
+        np.full(3, details["kpi"]["iae_depth_mm_s"])
     )
     _, reward, _, over, _ = envs.step(np.zeros((3, 2)))
     assert not over.any() and reward.tolist() == [0.0, 0.0, 0.0]
@@ -82,7 +82,7 @@ def test_losing_the_copper_ends_one_weld_alone():
     assert reward[0] < -weld_env.LOST < reward[1]
 
 
-def test_what_it_cannot_weld_is_named():
+def test_scenario_that_cannot_be_welded_is_refused_by_name():
     with pytest.raises(InputError, match="paper's process"):
         gymnasium.make("fsw/Weld-v0", scenario="canister_weld_heat")
 
@@ -91,7 +91,7 @@ def test_what_it_cannot_weld_is_named():
     "example", doctest.DocTestFinder().find(weld_env), ids=lambda example: example.name
 )
 def test_the_examples_in_the_docstrings(example):
-    said = []
+    printed = []
     runner = doctest.DocTestRunner()
-    runner.run(example, out=said.append)
-    assert runner.failures == 0, "".join(said)
+    runner.run(example, out=printed.append)
+    assert runner.failures == 0, "".join(printed)

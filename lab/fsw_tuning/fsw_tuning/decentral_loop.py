@@ -104,12 +104,11 @@ def loop_response(
     At the frequencies ``omega`` (n,), rad/s; ``latency_ticks`` of delay are added between command
     and process.
     """
-    model = process_model(parameters)
-    at, line, p = (
-        model.equilibrium(REST.depth_mm, REST.temperature_c),
-        model.linearise(),
-        parameters,
-    )
+    # Linear loop about the operating point, in z at z^-1 = exp(-j omega h): the process is
+    # continuous behind a zero-order hold, the controller discrete. Force and speed are coupled by
+    # the torque, hence matrices and not two loops: S = (I + P C)^-1.
+    model, p = process_model(parameters), parameters
+    at, line = model.equilibrium(REST.depth_mm, REST.temperature_c), model.linearise()
     torque, speed = at.outputs.process_torque_nm, at.speed_rpm
     s, back = 1j * omega, np.exp(-1j * omega * STEP_S)
     hold = (1.0 - back) / (s * STEP_S) * back**latency_ticks
@@ -170,14 +169,15 @@ def sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tupl
     One whole tick of delay is added for transport and drives. Only of a stable loop; see
     ``simulated_sensitivity``.
     """
-    found, _ = loop_response(gains, parameters or nominal(), _OMEGA)
-    return float(np.abs(found[:, 0, 0]).max()), float(np.abs(found[:, 1, 1]).max())
+    by_frequency, _ = loop_response(gains, parameters or nominal(), _OMEGA)
+    return float(np.abs(by_frequency[:, 0, 0]).max()), float(np.abs(by_frequency[:, 1, 1]).max())
 
 
 def simulated_sensitivity(
     gains: Gains, parameters: ModelParameters | None = None
 ) -> tuple[float, float]:
     """The same by simulation: from the response to a tiny impulse on one sensor; inf if it does not die out."""
+    # The impulse response of the closed loop is S itself: the peak of its Fourier transform is Ms.
     peaks = []
     for channel, size in enumerate((1e-5, 1e-4)):
         pulse = np.zeros((3010, 3))
@@ -194,6 +194,8 @@ def simulated_sensitivity(
 
 def noise_moves(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
     """Standard deviation of the moves per tick of force (kN) and speed (rpm) under sensor noise."""
+    # White noise has equal power at all frequencies: the variance of the moves is the mean of the
+    # squared response over the unit circle (Parseval).
     _, by_noise = loop_response(gains, parameters or nominal(), _EVEN, latency_ticks=0)
     moves = by_noise * (1.0 - np.exp(-1j * _EVEN * STEP_S))[:, None, None] * np.array(NOISE)
     deviation = np.sqrt((np.abs(moves) ** 2).mean(axis=0).sum(axis=1))

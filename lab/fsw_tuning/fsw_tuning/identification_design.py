@@ -84,12 +84,14 @@ def propose(
     called with the share done.
     """
 
-    def worst(found: Proposal) -> float:
+    def worst(proposal: Proposal) -> float:
         beyond = max(
-            0.0, max(found.use(closed)) - 1.0
+            0.0, max(proposal.use(closed)) - 1.0
         )  # only if nothing stays within the share of the bounds
-        return max(found.deviations[name] / aim for name, aim in AIMS.items()) + 100.0 * beyond
+        return max(proposal.deviations[name] / aim for name, aim in AIMS.items()) + 100.0 * beyond
 
+    # Random binary sequences excite all frequencies; which one separates parameters best is hard to
+    # foresee, so that the best of some is taken (minimax over the aims).
     proposals = []
     for seed in range(tries):
         proposals.append(_bounded(seed, duration_s, closed, model))
@@ -106,8 +108,8 @@ def _bounded(seed: int, duration_s: float, closed: bool, model: ModelParameters)
     plant = plant_factors(model)
     sizes = dict(_CLOSED if closed else _OPEN)
     for _ in range(_ROUNDS):
-        found = assess(_scenario(seed, duration_s, sizes, centre, closed), plant)
-        use = found.use(closed)
+        proposal = assess(_scenario(seed, duration_s, sizes, centre, closed), plant)
+        use = proposal.use(closed)
         if min(use) > 0.85 and max(use) <= 1.0:
             break
         # the first input is mostly for the depth, the second for the temperature
@@ -116,7 +118,7 @@ def _bounded(seed: int, duration_s: float, closed: bool, model: ModelParameters)
             for (name, size), share in zip(sizes.items(), use, strict=True)
         }
         sizes = {name: float(f"{size:.2g}") for name, size in sizes.items()}
-    return found
+    return proposal
 
 
 def _scenario(

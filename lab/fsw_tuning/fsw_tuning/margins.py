@@ -92,6 +92,8 @@ class Loops:
         **factors : float
             On parameters of the process.
         """
+        # By simulation, as the NMPC has no transfer function. The steps are small, so that the bounds
+        # of the drives do not act, and swings are compared with those a part earlier.
         plant = {**self.plant, **plant_factors(self.process.scaled(**factors))}
         overrides = [f"controller={name_of(self.label)}", "plant.noise=false"]
         overrides += [f"plant.{name}={json.dumps(of)}" for name, of in plant.items()]
@@ -146,14 +148,14 @@ def texts(margins: Mapping[str, float], process: ModelParameters | None = None) 
     """Margins as texts; larger ones are not distinguished, as the model takes dead times to 10 s."""
     process = process or nominal()
     longest_s = STEP_S * _longest_ticks(process)
-    found = {}
+    words = {}
     for name, margin in margins.items():
         if name.endswith("_gain"):
             most = _most_gain(process, _DEPTH if name.startswith("depth") else _TEMPERATURE)
-            found[name] = f"> {most:.2g}" if math.isinf(margin) else f"{margin:.2g}"
+            words[name] = f"> {most:.2g}" if math.isinf(margin) else f"{margin:.2g}"
         else:
-            found[name] = f"{'≥ ' if margin > longest_s - 0.5 * STEP_S else ''}{margin:.1f} s"
-    return found
+            words[name] = f"{'≥ ' if margin > longest_s - 0.5 * STEP_S else ''}{margin:.1f} s"
+    return words
 
 
 def _longest_ticks(process: ModelParameters) -> int:
@@ -187,6 +189,7 @@ def slower_for(
 
 def largest_gain(stable: Callable[[float], bool], most: float = LARGEST_GAIN) -> float:
     """Largest factor on a gain at which the loop is stable, to 2 %; inf beyond ``most``."""
+    # bisection in the logarithm, as the accuracy is relative
     if stable(most):
         return math.inf
     low, high = 1.0, most
@@ -198,6 +201,7 @@ def largest_gain(stable: Callable[[float], bool], most: float = LARGEST_GAIN) ->
 
 def largest_delay(stable: Callable[[int], bool], longest: int) -> int:
     """Largest number of ticks, up to ``longest``, at which ``stable`` holds."""
+    # doubled until it fails, then bisection: a simulation for each step, so that few are better
     low, high = 0, 1
     while stable(high):
         if high == longest:

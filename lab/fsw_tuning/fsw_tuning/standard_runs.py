@@ -117,7 +117,7 @@ def on_all_cores(function: Callable[[T], R], jobs: Sequence[T], chunksize: int =
     try:
         others = active_children()
         results = pool.map(function, jobs, chunksize=chunksize)
-        processes = [one for one in active_children() if one not in others]
+        processes = [child for child in active_children() if child not in others]
     finally:
         signal.signal(signal.SIGINT, handler)
     try:
@@ -135,14 +135,14 @@ def run_all(
 ) -> dict[Job, Figures]:
     """Run jobs on all cores; a plant that cannot be run gives ``{"error": text}``. ``progress`` gets the share done."""
     results = {}
-    worth_it = len(jobs) >= 8
+    # a few jobs take less time than the start of processes
     work = (
-        on_all_cores(_figures_or_error, jobs, chunksize=4)
-        if worth_it
-        else map(_figures_or_error, jobs)
+        map(_figures_or_error, jobs)
+        if len(jobs) < 8
+        else on_all_cores(_figures_or_error, jobs, chunksize=4)
     )
-    for job, found in zip(jobs, work, strict=True):
-        results[job] = found
+    for job, result in zip(jobs, work, strict=True):
+        results[job] = result
         if progress is not None:
             progress(len(results) / len(jobs))
     return results
@@ -153,8 +153,8 @@ def judged(runs: Mapping[str, Figures]) -> Figures:
     for run in runs.values():
         if "error" in run:
             return {"error": run["error"]}
-    found = {key: runs[key.split()[0]][key.split()[1]] for key in JUDGED}
-    return found | {"swings": any(run["swings"] for run in runs.values())}
+    values = {key: runs[key.split()[0]][key.split()[1]] for key in JUDGED}
+    return values | {"swings": any(run["swings"] for run in runs.values())}
 
 
 def failed(runs: Mapping[str, Figures]) -> str | None:
@@ -174,10 +174,10 @@ def sweep(
         for label, parameters in controllers.items()
         for case in CASES
     }
-    found = run_all(list(jobs.values()), progress)
+    results = run_all(list(jobs.values()), progress)
     return {
         process: {
-            label: judged({case: found[jobs[process, label, case]] for case in CASES})
+            label: judged({case: results[jobs[process, label, case]] for case in CASES})
             for label in controllers
         }
         for process in processes

@@ -98,6 +98,9 @@ SEARCHED = {
 
 def start_of(name: str, parameters: ModelParameters) -> Gains:
     """Where the search for one of ``NAMES`` starts: internal model control of the loops by themselves."""
+    # Internal model control (Morari and Zafiriou 1989): the temperature is a lag with dead time, so
+    # that its PI has the copper's lag as integral time and a gain by the time constant wanted of
+    # the closed loop; the depth integrates the force, so that its gain is the bandwidth over that.
     p, tight = parameters, name != "conservative"
     predicts = name == "smith"
     closed_s = (0.35 if predicts else 1.0 if tight else 1.4) * p.dead_time_s
@@ -155,6 +158,8 @@ def robustness(gains: Gains, parameters: ModelParameters) -> dict[str, float]:
 
 def cost(gains: Gains, name: str, parameters: ModelParameters) -> float:
     """Mean of the figures as shares of their targets, with penalties for missed targets and broken bounds."""
+    # The robustness is computed in the frequency domain and is cheap: gains that break it by far are
+    # not simulated. Penalties grow linearly, so that the simplex finds its way back.
     robust = robustness(gains, parameters)
     excess = sum(
         max(robust[key] / bound - _BOUND_MARGIN, 0.0) for key, bound in BOUNDS[name].items()
@@ -163,12 +168,12 @@ def cost(gains: Gains, name: str, parameters: ModelParameters) -> float:
     if excess > _UNUSABLE:
         return unusable
     try:
-        found = errors(gains, parameters)
+        figures = errors(gains, parameters)
     except OperatingPointError:
         return unusable
-    shares = np.array([found[key] / target for key, target in TARGETS[name].items()])
+    shares = np.array([figures[key] / target for key, target in TARGETS[name].items()])
     missed = np.maximum(shares - _TARGET_MARGIN, 0.0).sum()
-    swing = max(found["unsettled_c"] - _SWINGING_C, 0.0)
+    swing = max(figures["unsettled_c"] - _SWINGING_C, 0.0)
     return float(shares.mean() + _MISSED * missed + _BROKEN * (excess + swing))
 
 
@@ -208,6 +213,8 @@ def tune(
             progress(min(done / evaluations, 1.0))
         return cost(gains_of(x), name, p)
 
+    # Nelder-Mead, as the cost has kinks at targets and bounds; in logarithms, as gains differ by
+    # decades. The adaptive form (Gao and Han 2012) suits the many unknowns.
     x = np.clip(np.log([getattr(start, key) for key in SEARCHED]), *ranges.T)
     reach = np.where(x + _REACH <= ranges[:, 1], _REACH, -_REACH)
     simplex = np.vstack([x, x + np.diag(reach)])

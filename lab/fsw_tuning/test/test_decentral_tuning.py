@@ -27,17 +27,19 @@ MISMATCH = (
 @EACH
 def test_shipped_gains_are_within_the_bounds(name):
     gains = tunings()[name]
-    found = zip(
+    pairs = zip(
         BOUNDS[name].values(), (*simulated_sensitivity(gains), *noise_moves(gains)), strict=True
     )
-    assert all(figure <= bound for bound, figure in found)
+    assert all(figure <= bound for bound, figure in pairs)
 
 
 @EACH
 def test_shipped_gains_reach_their_targets(name):
-    found = decentral_loop.errors(tunings()[name])
-    assert {key: found[key] for key, target in TARGETS[name].items() if found[key] > target} == {}
-    assert found["unsettled_c"] < 0.3
+    figures = decentral_loop.errors(tunings()[name])
+    assert {
+        key: figures[key] for key, target in TARGETS[name].items() if figures[key] > target
+    } == {}
+    assert figures["unsettled_c"] < 0.3
 
 
 @pytest.mark.slow
@@ -48,7 +50,7 @@ def test_shipped_gains_are_stable_on_processes_unlike_the_model(name):
 
 
 @EACH
-def test_sensitivity_of_the_formulas_is_the_simulated_one(name):
+def test_computed_sensitivity_matches_the_simulation(name):
     """Away from the shipped gains as well, and with every filter and derivative in play."""
     gains = tunings()[name]
     other = gains.changed(
@@ -62,7 +64,7 @@ def test_sensitivity_of_the_formulas_is_the_simulated_one(name):
         assert sensitivity(these) == pytest.approx(simulated_sensitivity(these), rel=0.01)
 
 
-def test_noise_moves_of_the_formulas_are_the_simulated_ones():
+def test_computed_noise_moves_match_the_simulation():
     gains, source = tunings()["tight"], random.Random(3)
     rows = simulate(
         gains,
@@ -100,9 +102,9 @@ def test_the_search_finds_the_bottom_of_a_narrow_valley(monkeypatch):
 
     monkeypatch.setattr(tune_decentral, "cost", valley)
     shares = []
-    found = tune_decentral.tune("tight", evaluations=3000, progress=shares.append)
+    tuned = tune_decentral.tune("tight", evaluations=3000, progress=shares.append)
     start = tune_decentral.start_of("tight", nominal())
-    assert valley(found, "", None) < 1e-2 * valley(start, "", None)
+    assert valley(tuned, "", None) < 1e-2 * valley(start, "", None)
     assert shares == sorted(shares) and shares[0] > 0.0 and shares[-1] <= 1.0
     assert tune_decentral.tune("tight", evaluations=100) == tune_decentral.tune(
         "tight", evaluations=100
@@ -113,13 +115,13 @@ def test_the_search_finds_the_bottom_of_a_narrow_valley(monkeypatch):
 @pytest.mark.full
 def test_tuning_another_process_improves_on_its_start_and_stays_in_range():
     other = nominal().scaled(thermal_gain_c_per_kw=0.7, dead_time_s=1.2)
-    found = tune_decentral.tune("conservative", other, evaluations=60)
+    tuned = tune_decentral.tune("conservative", other, evaluations=60)
     start = tune_decentral.start_of("conservative", other)
-    assert tune_decentral.cost(found, "conservative", other) < tune_decentral.cost(
+    assert tune_decentral.cost(tuned, "conservative", other) < tune_decentral.cost(
         start, "conservative", other
     )
     assert set(SEARCHED) == {
         name for name, field in Gains.model_fields.items() if field.is_required()
     }
     for key, (low, high) in SEARCHED.items():
-        assert low <= getattr(found, key) <= high
+        assert low <= getattr(tuned, key) <= high

@@ -8,7 +8,7 @@ from fsw_model import nominal
 from fsw_tuning.margins import Loops, largest_delay, largest_gain, texts
 
 
-def test_late_and_strong_processes_end_stability():
+def test_delay_and_gain_beyond_the_margin_are_unstable():
     loops = Loops("decentral:conservative")
     assert loops.is_stable()
     assert not loops.is_stable(60)
@@ -17,7 +17,7 @@ def test_late_and_strong_processes_end_stability():
     assert tight.with_delay(2.0) and not tight.with_delay(7.2)
 
 
-def test_the_process_is_that_of_the_model():
+def test_margins_use_the_given_process():
     """Half of the model's gain leaves twice the margin."""
     half = Loops("decentral:conservative", process=nominal().scaled(thermal_gain_c_per_kw=0.5))
     assert half.is_stable(thermal_gain_c_per_kw=4.0)
@@ -28,7 +28,7 @@ def test_the_process_is_that_of_the_model():
     ("factor", "margin", "most"),
     [(0.2, math.inf, "> 8"), (1.5, pytest.approx(1.8, rel=0.1), "> 6.6"), (4.0, 1.0, "> 2.5")],
 )
-def test_a_margin_is_sought_as_far_as_the_emulator_takes_the_process(factor, margin, most):
+def test_margin_search_ends_at_the_limits_of_the_emulator(factor, margin, most):
     process = nominal().scaled(thermal_gain_c_per_kw=factor)
     assert Loops("decentral:tight", process=process).gain("thermal_gain_c_per_kw") == margin
     assert texts({"depth_gain": math.inf, "temperature_gain": math.inf}, process) == {
@@ -38,12 +38,12 @@ def test_a_margin_is_sought_as_far_as_the_emulator_takes_the_process(factor, mar
 
 
 @pytest.mark.parametrize("margin", [1.05, 2.7, 7.9])
-def test_the_largest_gain_is_found(margin):
+def test_largest_stable_gain_is_found(margin):
     assert margin / 1.02 <= largest_gain(lambda gain: gain <= margin) <= margin
     assert largest_gain(lambda gain: True) == math.inf
 
 
-def test_the_largest_delay_is_found():
+def test_largest_stable_delay_is_found():
     assert [largest_delay(lambda ticks, most=most: ticks <= most, 72) for most in (0, 1, 5, 57, 72, 99)] == [
         0, 1, 5, 57, 72, 72,
     ]  # fmt: skip

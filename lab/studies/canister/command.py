@@ -76,8 +76,8 @@ def _run(parsed: argparse.Namespace) -> None:
             )
     elif parsed.part == "properties":
         with ProgressBar("k(T), c(T)") as bar:
-            found = properties(min(parsed.minutes, _WHOLE_MINUTES), bar)
-        copper.write_text(json.dumps(found) + "\n", encoding="utf-8")
+            results = properties(min(parsed.minutes, _WHOLE_MINUTES), bar)
+        copper.write_text(json.dumps(results) + "\n", encoding="utf-8")
     else:
         rows = verdict.read(sorted(parsed.out.glob("*.jsonl")))
         plant = numbers.exists() or not rows  # the verdict may be written without it

@@ -102,8 +102,8 @@ class FullCanister:
         for _ in range(_MOST_ITERATIONS if self.nonlinear else 1):
             rest = heat - self._beyond_linear(theta)[0] if self.nonlinear else heat
             pairs = [
-                one.solve(np.stack([r.real, r.imag], axis=1))
-                for one, r in zip(self._factors, rest, strict=True)
+                factor.solve(np.stack([r.real, r.imag], axis=1))
+                for factor, r in zip(self._factors, rest, strict=True)
             ]
             last, theta = theta, np.array([pair[:, 0] + 1j * pair[:, 1] for pair in pairs])
             if np.abs(theta - last).sum(axis=0).max() < _CLOSE_K:
@@ -154,7 +154,7 @@ class FullCanister:
     ) -> Array:
         """Temperatures at n points of the copper."""
         r, angle, z = (
-            np.ravel(one) for one in np.broadcast_arrays(radius_mm, angle_rad, axial_mm)
+            np.ravel(column) for column in np.broadcast_arrays(radius_mm, angle_rad, axial_mm)
         )
         at = self.elements.at(1e-3 * r, 1e-3 * z) @ (
             state.theta.T * np.where(self._modes == 0, 1.0, 2.0)

@@ -114,8 +114,8 @@ def read(files: Sequence[Path]) -> list[Row]:
         for file in files
         for line in file.read_text(encoding="utf-8").splitlines()
     ]
-    if len(found := sorted({row.get("software", "unknown") for row in rows})) > 1:
+    if len(versions := sorted({row.get("software", "unknown") for row in rows})) > 1:
         raise InputError(
-            f"{files[0].parent}: rows of several versions: {'; '.join(found)}; give another --out"
+            f"{files[0].parent}: rows of several versions: {'; '.join(versions)}; give another --out"
         )
     return rows

@@ -38,8 +38,8 @@ def fronts(bounds: Mapping[str, Any], nominal: Mapping[str, Any], path: Path) ->
     """Per event: the front of the clairvoyant optima, and where the controllers are."""
     with sheet(11.0, 6.6, path) as canvas:
         axes = canvas.subplots(2, 3).flat
-        for axis, (name, found) in zip(axes, bounds.items(), strict=True):
-            points = np.array(sorted(found["front"]))
+        for axis, (name, bound) in zip(axes, bounds.items(), strict=True):
+            points = np.array(sorted(bound["front"]))
             axis.plot(points[:, 0], points[:, 1], "k.-", label="clairvoyant optimum")
             for label in CONTROLLERS:
                 event = nominal[label]["clean"]["events"][name]

@@ -102,8 +102,8 @@ class Clairvoyant:
         if generator is not None:
             guess[:, :2] = self._random_inputs(generator)
         given = np.array([*aim, per_mm, per_c, *held, *start.state.x, *start.state.power[0]])
-        found = self._program(x0=guess.ravel(), p=given, **self._bounds)
-        rows = np.array(found["x"]).reshape(n, _WIDTH)
+        solution = self._program(x0=guess.ravel(), p=given, **self._bounds)
+        rows = np.array(solution["x"]).reshape(n, _WIDTH)
         states = np.vstack([start.state.x, rows[:, 2 : 2 + N_STATES] * _SIZES])
         depth = np.array([float(depth_mm(p, x[0], x[1], x[2], x[4])) for x in states])
         return Optimum(

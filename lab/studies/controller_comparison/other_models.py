@@ -52,8 +52,8 @@ def study(count: int) -> dict[str, Any]:
     data = {}
     drawn = random_factors(count, FACTORS)
     with ProgressBar("other models", count) as bar:
-        for i, found in enumerate(on_all_cores(partial(compare, evaluations=600), drawn), start=1):
-            found[DEFAULT]["factors"] = drawn[i - 1]
-            data[f"{i}"] = found
+        for i, runs in enumerate(on_all_cores(partial(compare, evaluations=600), drawn), start=1):
+            runs[DEFAULT]["factors"] = drawn[i - 1]
+            data[f"{i}"] = runs
             bar(i)
     return data

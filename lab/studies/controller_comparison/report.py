@@ -55,8 +55,8 @@ def worse(data: Mapping[str, Any]) -> list[str]:
 def margin_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
     """Gain and delay margins."""
     rows = [["", *TITLES.values()]]
-    for label, found in data.items():
-        words = texts(found)
+    for label, cases in data.items():
+        words = texts(cases)
         rows.append([label, *(words[key] for key in TITLES)])
     return rows
 
@@ -76,15 +76,15 @@ def matched_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
 
 def swinging(data: Mapping[str, Mapping[str, Any]], welds: int) -> list[str]:
     """With which sensors an output oscillates for good, in how many of the welds of a controller."""
-    found = []
+    labels = []
     for kind, of in data.items():
         if names := [
             f"{name} ({run['swings']} of {welds} welds)"
             for name, run in of.items()
             if run["swings"]
         ]:
-            found.append(f"{kind}: {', '.join(names)}")
-    return found
+            labels.append(f"{kind}: {', '.join(names)}")
+    return labels
 
 
 def matched_share(data: Mapping[str, Mapping[str, float]], rival: str) -> str:
@@ -175,11 +175,11 @@ def loss_rows(losses: Sequence[Sequence[Any]]) -> Rows:
     for loss in sorted(losses, key=lambda loss: -loss[-1]):
         by_kpi.setdefault(loss[3], []).append(loss)
     rows = [["lost", "runs", "median ratio", "largest", "where"]]
-    for title, found in sorted(by_kpi.items(), key=lambda item: -len(item[1])):
-        name, case, noise, _, largest = found[0]
+    for title, cases in sorted(by_kpi.items(), key=lambda item: -len(item[1])):
+        name, case, noise, _, largest = cases[0]
         where = f"{case}{', noise' if noise else ''}, plant {name}"
         rows.append(
-            [title, str(len(found)), f"{found[len(found) // 2][-1]:.2f}", f"{largest:.2f}", where]
+            [title, str(len(cases)), f"{cases[len(cases) // 2][-1]:.2f}", f"{largest:.2f}", where]
         )
     return rows
 

@@ -48,12 +48,12 @@ def runs(compared: Entrants) -> dict[str, dict[str, Figures]]:
         for seed in _SEEDS
     }
     with ProgressBar("noise and lag of the sensors") as bar:
-        found = run_all(list(jobs.values()), bar)
+        results = run_all(list(jobs.values()), bar)
     return {
         kind: {
             name: _means(
                 {
-                    case: [found[jobs[kind, name, case, seed]] for seed in _SEEDS]
+                    case: [results[jobs[kind, name, case, seed]] for seed in _SEEDS]
                     for case in (*CASES, REST)
                 }
             )
@@ -82,8 +82,8 @@ def margins(compared: Entrants) -> dict[str, dict[str, dict[str, float]]]:
     tasks = [
         (label, parameters, SENSING[lag]) for lag in LAGS for label, parameters in judged.values()
     ]
-    found = iter(list(on_all_cores(_margins, tasks)))
-    return {lag: {name: next(found) for name in judged} for lag in LAGS}
+    results = iter(list(on_all_cores(_margins, tasks)))
+    return {lag: {name: next(results) for name in judged} for lag in LAGS}
 
 
 def _margins(task: tuple[str, Mapping[str, float], Mapping[str, float]]) -> dict[str, float]:

@@ -79,16 +79,16 @@ def nominal() -> dict[str, Any]:
         rest = results[Job(label, REST, True)]
         data[label] = {"rest": {key: rest[key] / rest["duration_s"] for key in VARIATIONS}}
         for kind, noise in (("clean", False), ("noisy", True)):
-            found = {case: results[Job(label, case, noise)] for case in CASES}
-            data[label][kind] = {"events": _per_event(found)}
-            for case, run in found.items():
+            by_case = {case: results[Job(label, case, noise)] for case in CASES}
+            data[label][kind] = {"events": _per_event(by_case)}
+            for case, run in by_case.items():
                 data[label][kind][case] = {
                     key: run[key] for key in KPIS if run.get(key) is not None
                 }
     return data
 
 
-def _per_event(found: Mapping[str, Figures]) -> dict[str, dict[str, float]]:
+def _per_event(by_case: Mapping[str, Figures]) -> dict[str, dict[str, float]]:
     keys = (
         "iae_depth_mm_s",
         "iae_temperature_c_s",
@@ -98,7 +98,7 @@ def _per_event(found: Mapping[str, Figures]) -> dict[str, dict[str, float]]:
     return {
         name: {key: float(event[key]) for key in keys}
         for case, names in CASES.items()
-        for name, event in zip(names, found[case]["events"], strict=True)
+        for name, event in zip(names, by_case[case]["events"], strict=True)
     }
 
 
@@ -201,14 +201,14 @@ def _corridor(name: str) -> dict[str, float]:
         runs = {
             case: standard_runs.figures(Job("nmpc", case, parameters=parameters)) for case in CASES
         }
-        found = {case: float(run["iae_temperature_c_s"]) for case, run in runs.items()}
+        by_case = {case: float(run["iae_temperature_c_s"]) for case, run in runs.items()}
         for key in (
             "peak_temperature_in_depth_step_up_c",
             "peak_temperature_in_depth_step_down_c",
         ):
-            found[key] = float(runs["tracking"][key])
-        found["speed_rpm"] = float(runs["tracking"]["total_variation_speed_rpm"])
-        return found | Loops("nmpc", parameters).temperature()
+            by_case[key] = float(runs["tracking"][key])
+        by_case["speed_rpm"] = float(runs["tracking"]["total_variation_speed_rpm"])
+        return by_case | Loops("nmpc", parameters).temperature()
 
 
 @contextmanager

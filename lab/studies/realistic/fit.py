@@ -115,11 +115,11 @@ class Surrogate:
         """Factors with the least squares of the deviations, each relative to its scale."""
         from scipy.optimize import least_squares  # heavy to import
 
-        found = least_squares(
+        solution = least_squares(
             lambda f: (self.statistics((f[0], f[1])) - wanted) / self.scale,
             self._about,
             bounds=(0.2, 3.0),
             diff_step=1e-3,
         )
-        fall, heat = map(float, found.x)
+        fall, heat = map(float, solution.x)
         return fall, heat

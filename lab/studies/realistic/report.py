@@ -93,13 +93,13 @@ def content(rows: Sequence[Row], fitted: Mapping[str, Any]) -> dict[str, Any]:
             continue
         size, statistics = PUBLISHED.get(name, PUBLISHED["cascade"])
         published = list(astuple(statistics))
-        found = welds.intervals(welds.groups(own, size))
+        intervals = welds.intervals(welds.groups(own, size))
         series[name] = {
             "welds": len(own),
             "group": size,
-            "intervals": found,
+            "intervals": intervals,
             "published": published if name in PUBLISHED else None,
-            "outside": _outside(found, published) if name in PUBLISHED else [],
+            "outside": _outside(intervals, published) if name in PUBLISHED else [],
             "within": _within(own),
             "stopped": sum(bool(row["stopped"]) for row in own),
             "depth_um": float(np.median([row["depth_um"] for row in own])),
@@ -125,11 +125,11 @@ def _within(rows: Sequence[Row]) -> int:
     return sum(row["min_c"] >= -10.0 and row["max_c"] <= 10.0 for row in rows)
 
 
-def _outside(found: Mapping[str, list[float]], published: Sequence[float]) -> list[str]:
+def _outside(intervals: Mapping[str, list[float]], published: Sequence[float]) -> list[str]:
     """Published statistics outside their interval; those that its end rounds to are marked."""
     names = []
     for name, value in zip(STATISTICS, published, strict=True):
-        low, _, high = found[name]
+        low, _, high = intervals[name]
         if not low <= value <= high:
             digits = len(f"{value:g}".partition(".")[2])
             rounded = value in (round(low, digits), round(high, digits))
@@ -186,13 +186,13 @@ def _varied(rows: Sequence[Row]) -> list[dict[str, Any]]:
             own = [row for row in rows if row["changes"] == [[name, factor]]]
             cascade = [row for row in own if row["controller"] == CASCADE]
             if min(len(cascade), len(own) - len(cascade)) >= _FEWEST:
-                found = welds.intervals(welds.groups(cascade, GROUP))
+                intervals = welds.intervals(welds.groups(cascade, GROUP))
                 varied.append(
                     {
                         "parameter": WORDS[name],
                         "factor": factor,
                         "welds": len(cascade),
-                        "cascade": {key: found[key][1] for key in STATISTICS},
+                        "cascade": {key: intervals[key][1] for key in STATISTICS},
                         "share": share_of(own, NMPC),
                     }
                 )
@@ -203,13 +203,13 @@ def table(data: Mapping[str, Any]) -> list[list[str]]:
     """The page's table."""
     rows = [["temperature on the joint line [°C]", "welds", "mean", "σ", "least", "largest"]]
     kinds = {"cascade": "emulated, fitted"} | dict.fromkeys(EARLIER, "predicted")
-    for name, one in data["series"].items():
-        if one["published"]:
-            texts = [f"{value:+g}" for value in one["published"]]
-            rows.append([f"**{name}, published**", f"{one['group']}", *_signless(texts)])
-        cells = [_cell(one["intervals"][key]) for key in STATISTICS]
+    for name, series in data["series"].items():
+        if series["published"]:
+            texts = [f"{value:+g}" for value in series["published"]]
+            rows.append([f"**{name}, published**", f"{series['group']}", *_signless(texts)])
+        cells = [_cell(series["intervals"][key]) for key in STATISTICS]
         label = f"{name}, {kinds[name]}" if name in kinds else f"`{name}`, predicted"
-        rows.append([label, f"{one['group']}", *_signless(cells)])
+        rows.append([label, f"{series['group']}", *_signless(cells)])
     return rows
 
 
@@ -239,8 +239,8 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
         left, right = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
         names = list(data["series"])
         for place, (name, look) in enumerate(zip(names, looks_of(tuple(names)), strict=True)):
-            one = data["series"][name]
-            low, high = one["intervals"]["min"], one["intervals"]["max"]
+            series = data["series"][name]
+            low, high = series["intervals"]["min"], series["intervals"]["max"]
             left.plot(
                 [place, place],
                 [low[1], high[1]],
@@ -249,13 +249,13 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
                 solid_capstyle="butt",
             )
             left.plot([place, place], [low[0], high[2]], color=look.colour, linewidth=1.0)
-            if one["published"]:
-                left.plot([place, place], one["published"][2:], "k_", markersize=14.0)
+            if series["published"]:
+                left.plot([place, place], series["published"][2:], "k_", markersize=14.0)
         left.set_xticks(range(len(names)), names, rotation=30, ha="right", fontsize=7.0)
         left.set(title="least and largest error (black: published)", ylabel="°C")
         left.axhspan(-10.0, 10.0, color="grey", alpha=0.15)
-        for place, one in enumerate(data["varied"]):
-            low, middle, high = one["share"]["sigma"]
+        for place, row in enumerate(data["varied"]):
+            low, middle, high = row["share"]["sigma"]
             right.plot([low, high], [place, place], color="grey", linewidth=1.0)
             right.plot(middle, place, "o", color="black", markersize=4.0)
         own = data["shares"][NMPC]["sigma"]
@@ -263,7 +263,7 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
         right.axvline(1.0, color="black", linestyle=":")
         right.set_yticks(
             range(len(data["varied"])),
-            [f"{one['parameter']} × {one['factor']}" for one in data["varied"]],
+            [f"{row['parameter']} × {row['factor']}" for row in data["varied"]],
             fontsize=7.0,
         )
         right.set(title="σ of nmpc:default / σ of the cascade")

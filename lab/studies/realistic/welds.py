@@ -194,10 +194,10 @@ def grouped(figures: Figures, size: int) -> Figures:
     return pooled(figures[drawn])
 
 
-def intervals(found: Figures) -> dict[str, list[float]]:
+def intervals(statistics: Figures) -> dict[str, list[float]]:
     """2.5 %, 50 % and 97.5 % of each statistic."""
     return {
-        name: [float(value) for value in np.percentile(found[:, i], (2.5, 50.0, 97.5))]
+        name: [float(value) for value in np.percentile(statistics[:, i], (2.5, 50.0, 97.5))]
         for i, name in enumerate(STATISTICS)
     }
 

@@ -88,9 +88,9 @@ def write(
                 {"stamp": {"sec": sec, "nanosec": nanosec}},
                 began_ns + (tick + 1) * TICK_NS,
             )
-            told = [(topic, rows[tick]) for topic, rows, is_told in tables if is_told[tick]]
-            told += [("/fsw/operator_action", actions[tick])] if tick in actions else []
-            for topic, values in told:
+            sent = [(topic, rows[tick]) for topic, rows, is_told in tables if is_told[tick]]
+            sent += [("/fsw/operator_action", actions[tick])] if tick in actions else []
+            for topic, values in sent:
                 kind = TOPICS[topic]
                 data = definitions.encode(kind, texts[kind], {**values, "header": header})
                 writer.write(topic, data, log_ns, log_ns)
@@ -135,10 +135,10 @@ def _tables(
     programme = _rows(
         depth=signals.programme_depth_mm / MM, temperature=signals.programme_temperature_c
     )
-    told = progress(scenario, signals)
+    phase_reports = progress(scenario, signals)
     reports = [
         {"state": str(now.state), "phase": now.phase, **point, "left": point != in_force}
-        for now, point, in_force in zip(told, programme, points, strict=True)
+        for now, point, in_force in zip(phase_reports, programme, points, strict=True)
     ]
     places = [
         {
@@ -146,7 +146,7 @@ def _tables(
             "length": m_from_mm(now.length_mm),
             "time_left": now.time_left_s,
         }
-        for now in told
+        for now in phase_reports
     ]
     rows = [{**report, **place} for report, place in zip(reports, places, strict=True)]
     yield "/fsw/weld_progress", rows, _changed(reports)
@@ -166,12 +166,12 @@ def _sensors(signals: WeldSignals) -> dict[str, Rows]:
     drives, truth = signals.drives, signals.truth
     assert drives is not None and truth is not None
     numbers = {
-        one.metadata["path"]: getattr(truth, one.name) / one.metadata["factor"]
-        for one in fields(TruthSignals)
-        if one.metadata["kind"] == "number"
+        field.metadata["path"]: getattr(truth, field.name) / field.metadata["factor"]
+        for field in fields(TruthSignals)
+        if field.metadata["kind"] == "number"
     }
     numbers |= {key: numbers[key].astype(np.int64) for key in ("watchdog", "refused_commands")}
-    faults = ({"active_faults": one.split(",") if one else []} for one in truth.active_faults)
+    faults = ({"active_faults": text.split(",") if text else []} for text in truth.active_faults)
     return {
         **{
             SENSOR_TOPICS[name]: _rows(

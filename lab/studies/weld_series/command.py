@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         end_deg = _end_deg(folder, chosen.joint_line)
         rows = _weld(folder, chosen.welds, chosen.workers, end_deg)
         table = history.load(folder / "history")
-        said = history_report.write(table, folder / "report.html", "Series of canisters")
+        remarks = history_report.write(table, folder / "report.html", "Series of canisters")
     except (InputError, BagError, OSError) as error:
         print(f"weld_series: {error}", file=sys.stderr)
         return 1
@@ -82,15 +82,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("\nweld_series: interrupted; the same command continues", file=sys.stderr)
         return 130
     print(f"verdicts: {dict(Counter(row['verdict'] for row in rows))}")
-    for one in history_report.tools(table):
-        print(f"tool {one.tool}, {one.welds} welds: {one.words}")
-    missed = _tell(said, table["weld"].to_pylist(), chosen.welds)
+    for tool in history_report.tools(table):
+        print(f"tool {tool.tool}, {tool.welds} welds: {tool.words}")
+    missed = _tell(remarks, table["weld"].to_pylist(), chosen.welds)
     chain = attestation.Chain(folder / "chain", _trusted(folder))
     for entry in chain.findings:
         print(f"chain: {entry.line}")
     print(f"chain: {len(chain.entries)} welds, {'damaged' if chain.findings else 'intact'}")
     print(
-        f"written: {', '.join(str(folder / one) for one in ('report.html', 'history', 'chain', 'welds'))}"
+        f"written: {', '.join(str(folder / name) for name in ('report.html', 'history', 'chain', 'welds'))}"
     )
     return 1 if missed or chain.findings else 0
 
@@ -174,7 +174,7 @@ def _sign(folder: Path, row: history.Row, key: Any, procedure: Any) -> None:
         attest(subject, folder / "chain", key, datetime.now(UTC), Policy(_trusted(folder)))
 
 
-def _tell(said: Sequence[Remark], names: Sequence[str], welds: int) -> int:
+def _tell(remarks: Sequence[Remark], names: Sequence[str], welds: int) -> int:
     """Print which planted changes the history found; returns the number of missed ones."""
     missed = 0
     if welds < _SHOWS_WEAR:
@@ -186,7 +186,7 @@ def _tell(said: Sequence[Remark], names: Sequence[str], welds: int) -> int:
         name = None if number is None else f"C{number:03d}"
         shown = [
             f"{names[remark.at]}: {remark.text}"
-            for remark in said
+            for remark in remarks
             if remark.kind is kind
             and subject in remark.subject
             and name in (None, names[remark.at])

@@ -53,7 +53,7 @@ def scenario_text(number: int, end_deg: float = WHOLE_DEG) -> str:
     del content["duration_s"], content["path"]  # they follow from the phases
     special, at_deg = SPECIAL.get(number), BEGIN_DEG + SHARE * (end_deg - BEGIN_DEG)
     begin_s, lasts_s = begin_and_length(end_deg)
-    phases = {one["name"]: one for one in content["phases"]}
+    phases = {phase["name"]: phase for phase in content["phases"]}
     phases["dwell"].pop("until_c")
     phases["dwell"] |= {
         "duration_s": DWELL_S,
@@ -74,9 +74,9 @@ def scenario_text(number: int, end_deg: float = WHOLE_DEG) -> str:
             },
         },
         *(
-            one
-            for one in content["events"]
-            if one.get("disturbance", {}).get("channel") == "axial_force"
+            event
+            for event in content["events"]
+            if event.get("disturbance", {}).get("channel") == "axial_force"
         ),
         {
             "at_deg": BEGIN_DEG,
@@ -110,9 +110,9 @@ def series_procedure(end_deg: float = WHOLE_DEG) -> Procedure:
     """The shipped procedure for the emulator; with another end of the joint line than the whole, phases are shorter."""
     values = procedure.load("copper_lid").model_dump(mode="json", exclude_none=True)
     values["machine"]["name"] = MACHINE
-    for one in values["phases"]:
-        if one["name"] in ("joint_line", "overlap", "parking") and end_deg != WHOLE_DEG:
-            one |= {"to_deg": one["to_deg"] + end_deg - WHOLE_DEG, "source": "the series, chosen"}
+    for row in values["phases"]:
+        if row["name"] in ("joint_line", "overlap", "parking") and end_deg != WHOLE_DEG:
+            row |= {"to_deg": row["to_deg"] + end_deg - WHOLE_DEG, "source": "the series, chosen"}
     return Procedure.model_validate(values)
 
 
@@ -122,8 +122,8 @@ def weld(number: int, end_deg: float) -> tuple[Scenario, WeldSignals, bag.Action
     signals = ClosedLoop(scenario, make_all(scenario, CONTROLLER, {})).run()
     if SPECIAL.get(number) != "operator":
         return scenario, signals, {}
-    told = progress(scenario, signals)
-    begin = next(tick for tick, one in enumerate(told) if one.phase == "joint_line")
+    reports = progress(scenario, signals)
+    begin = next(tick for tick, report in enumerate(reports) if report.phase == "joint_line")
     begin_s, lasts_s = begin_and_length(end_deg)
     first, last = (begin + round(at_s / TICK_S) for at_s in (begin_s, begin_s + lasts_s + 20.0))
     signals.programme_temperature_c = signals.reference_temperature_c.copy()
@@ -148,8 +148,8 @@ def judged(number: int, folder: Path, end_deg: float = WHOLE_DEG) -> history.Row
     place = folder / "welds" / name
     row_file, page = place / ROW, place / "record" / report.JSON
     if row_file.is_file():
-        found: history.Row = json.loads(row_file.read_text(encoding="utf-8"))
-        return found
+        known: history.Row = json.loads(row_file.read_text(encoding="utf-8"))
+        return known
     if not (place / "bag" / METADATA_NAME).exists():
         shutil.rmtree(place, ignore_errors=True)
         _weld_to_bag(number, name, place / "bag", end_deg)
@@ -175,10 +175,10 @@ def _weld_to_bag(number: int, name: str, folder: Path, end_deg: float) -> None:
     scenario, signals, actions = weld(number, end_deg)
     identity = {"canister": name, "lid": f"L{number:03d}", "tool": "T1", "machine": MACHINE}
     parameters = {
-        one: validate(
-            described_in(one),
-            variant_of(CONTROLLER) if CONTROLLER.startswith(one) else {},
+        controller: validate(
+            described_in(controller),
+            variant_of(CONTROLLER) if CONTROLLER.startswith(controller) else {},
         )
-        for one in scenario.controllers
+        for controller in scenario.controllers
     }
     bag.write(folder, scenario, signals, identity, parameters, actions)

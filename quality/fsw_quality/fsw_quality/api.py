@@ -67,12 +67,12 @@ def record(
 
     judged_by = procedures.load(procedure)
     stated = validate(WeldData, dict(afterwards), "weld data") if afterwards else None
-    found, course = records.make(Path(bag), judged_by, progress)
+    record, course = records.make(Path(bag), judged_by, progress)
     if compare_with is not None:
-        others = accepted_before(Path(compare_with), found, note)
-        found = found.changed(comparison=compare(found, others))
-    found = found.changed(afterwards=stated)
+        others = accepted_before(Path(compare_with), record, note)
+        record = record.changed(comparison=compare(record, others))
+    record = record.changed(afterwards=stated)
     if folder is not None:
         Path(folder).mkdir(parents=True, exist_ok=True)
-        report.write(found, course, judged_by, Path(folder), figures)
-    return found
+        report.write(record, course, judged_by, Path(folder), figures)
+    return record

@@ -36,31 +36,31 @@ def accepted_before(folder: Path, record: Record, note: Callable[[str], object])
     if not paths:
         raise InputError(f"{folder}: there is no record to compare with ({', '.join(_PLACES)})")
     seen: dict[tuple[str, ...], Path] = {}
-    found = []
+    records = []
     for path in paths:
         content = json_content_of(read_text(path, "record"), str(path))
         if other := other_version(content, path):
             note(f"not compared: {other.line}")
             continue
-        one = validate(Record, content, str(path))
-        files = one.data_files
+        earlier = validate(Record, content, str(path))
+        files = earlier.data_files
         if files == record.data_files:
             continue  # this weld
         if files and (first := seen.setdefault(files, path)) != path:
             raise InputError(
                 f"{path}: is a second record of the weld of {first}; remove one of them"
             )
-        same = (one.procedure.id, one.procedure.revision) == (
+        same = (earlier.procedure.id, earlier.procedure.revision) == (
             record.procedure.id,
             record.procedure.revision,
         )
         if (
             same
-            and one.verdict is Verdict.ACCEPT
-            and (record.simulated_time or one.start_ns < record.start_ns)
+            and earlier.verdict is Verdict.ACCEPT
+            and (record.simulated_time or earlier.start_ns < record.start_ns)
         ):
-            found.append(one)
-    return sorted(found, key=lambda one: (one.start_ns, one.bag))[-MOST:]
+            records.append(earlier)
+    return sorted(records, key=lambda item: (item.start_ns, item.bag))[-MOST:]
 
 
 def compare(record: Record, others: Sequence[Record]) -> Comparison:
@@ -69,13 +69,13 @@ def compare(record: Record, others: Sequence[Record]) -> Comparison:
     for phase in record.phases:
         ours = dict(_figures(phase))
         theirs = [
-            dict(_figures(one))
+            dict(_figures(row))
             for other in others
-            for one in other.phases
-            if one.phase == phase.phase
+            for row in other.phases
+            if row.phase == phase.phase
         ]
         for name, value in ours.items():
-            values = np.array([one[name] for one in theirs if name in one])
+            values = np.array([row[name] for row in theirs if name in row])
             if not values.size:
                 continue
             sigma = float(values.std(ddof=1)) if values.size >= LEAST else 0.0
@@ -92,7 +92,7 @@ def compare(record: Record, others: Sequence[Record]) -> Comparison:
                     is_far=off is not None and abs(off) > _limit(values.size),
                 )
             )
-    return Comparison(welds=tuple(one.bag for one in others), figures=tuple(figures))
+    return Comparison(welds=tuple(weld.bag for weld in others), figures=tuple(figures))
 
 
 def _limit(welds: int) -> float:

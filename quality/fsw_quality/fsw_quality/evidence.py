@@ -91,12 +91,12 @@ def attest(
     documents = {name: bytes(mapped(bag / name)) for name in names}
     manifest = read_manifest(bag)
     with BagReader(bag) as reader:
-        custom, found = reader.metadata.custom_data, [*_recorded(bag, manifest, reader)]
+        custom, findings = reader.metadata.custom_data, [*_recorded(bag, manifest, reader)]
         ran_by = attached({entry.name: entry.data for entry in reader.attachments()})
     procedure = subject.procedure or (ran_by[0] if len(ran_by) == 1 else None)
     if procedure and procedure.sha256 not in {entry.sha256 for entry in ran_by}:
         code = Code.OTHER_PROCEDURE if ran_by else Unchecked.PROCEDURE_NOT_RECORDED
-        found.append(finding(code, METADATA_NAME, **dict(procedure.identity)))
+        findings.append(finding(code, METADATA_NAME, **dict(procedure.identity)))
     draft = Attestation(
         signed_at=now,
         number=0,
@@ -107,20 +107,20 @@ def attest(
         documents=tuple(documents),
         notes=(),
     )
-    _check_signers(found, bag, manifest, draft, own, policy)
+    _check_signers(findings, bag, manifest, draft, own, policy)
     if not documents:
         absent = Code.MISSING if subject.record else Unchecked.NO_RECORD
-        found.append(finding(absent, f"{folder}/{JSON}"))
-    elif not any(map(policy.is_fault, found)):  # else they cannot be compared
-        found += _check_documents(bag, procedure, documents, progress)
-    if faults := [*filter(policy.is_fault, found)]:
+        findings.append(finding(absent, f"{folder}/{JSON}"))
+    elif not any(map(policy.is_fault, findings)):  # else they cannot be compared
+        findings += _check_documents(bag, procedure, documents, progress)
+    if faults := [*filter(policy.is_fault, findings)]:
         raise EvidenceError(*faults)
     hashes = {path.name: sha256(mapped(path)) for path in _files(bag)}
     hashes |= {name: sha256(data) for name, data in documents.items()}
     with locked(chain_folder):
         chain = Chain(chain_folder, policy.trusted)
         number, before = len(chain.entries) + 1, chain.last_sha256
-        made = draft.changed(number=number, previous_sha256=before, notes=tuple(found))
+        made = draft.changed(number=number, previous_sha256=before, notes=tuple(findings))
         data = signature.envelope(hashes, Purpose.ATTESTATION, made, key).encode()
         path = chain_folder / f"{number:06d}.json"
         chain.add(path, data)
@@ -191,9 +191,9 @@ def _check_documents(
     made, course = make(bag, procedure, progress)
     made = made.changed(**beside)
     if data != record_bytes(made):
-        said, real = (entry.model_dump(mode="json") for entry in (stated, made))
+        claimed, real = (entry.model_dump(mode="json") for entry in (stated, made))
         # bytes: e.g. a key that is given twice, of which other software may read the first
-        fields = [key for key in real if real[key] != said[key]] or ["bytes"]
+        fields = [key for key in real if real[key] != claimed[key]] or ["bytes"]
         code = next((_OTHER[key] for key in _OTHER if key in fields), Code.RECORD_EDITED)
         yield finding(code, name, fields=", ".join(fields))
     if PDF in map(os.path.basename, pages):
@@ -206,7 +206,7 @@ def _check_documents(
 
 
 def _check_signers(
-    found: list[Finding],
+    flaws: list[Finding],
     bag: Path,
     manifest: Manifest | None,
     stated: Attestation,
@@ -220,7 +220,7 @@ def _check_signers(
     ``later`` signed attestations that follow this one.
     """
     at, signers = dict[Purpose, datetime](), dict[Purpose, Signer]()
-    machine = tried(found, bag, signature.signer_of, bag / MANIFEST_NAME, Purpose.MANIFEST, None)
+    machine = tried(flaws, bag, signature.signer_of, bag / MANIFEST_NAME, Purpose.MANIFEST, None)
     no_procedure = Code.PROCEDURE_UNSIGNED if stated.procedure else Code.PROCEDURE_ABSENT
     revoked = {signature.fingerprint(key.key) for key in policy.trusted if key.revoked}
     for purpose, signer, unsigned in (
@@ -229,14 +229,14 @@ def _check_signers(
         (Purpose.PROCEDURE, stated.procedure_signer, no_procedure),
     ):
         if signer is None:
-            found.append(finding(unsigned, purpose))
+            flaws.append(finding(unsigned, purpose))
             continue
         others = [other.signed_at for other in (attester, *later) if other.key != signer.key]
         use = signer, purpose, policy.trusted, purpose, min(others, default=None)
-        if by := tried(found, bag, signature.check_trust, *use):
+        if by := tried(flaws, bag, signature.check_trust, *use):
             at[purpose] = by.signed_at
             if by.key in revoked and not others:
-                found.append(finding(Unchecked.REVOCATION_BY_OWN_CLOCK, purpose, **dict(by)))
+                flaws.append(finding(Unchecked.REVOCATION_BY_OWN_CLOCK, purpose, **dict(by)))
         signers[purpose] = by or signer
     begin, end = weld_times(manifest) if manifest else (None, None)
     times = {
@@ -247,7 +247,7 @@ def _check_signers(
         "attested": at.get(Purpose.ATTESTATION),
         "this verification": now,
     }
-    found += order_findings(ATTESTATION_NAME, times)
+    flaws += order_findings(ATTESTATION_NAME, times)
     return signers
 
 
@@ -265,22 +265,22 @@ def verify_bag(
     bag: Path, policy: Policy, now: datetime, chain: Chain | None = None
 ) -> Verification:
     """Whether a bag is what was recorded and signed, has its place in the ``chain``, and with it its documents."""
-    found, signers, made = list[Finding](), dict[Purpose, Signer](), None
-    data = tried(found, bag, signature.read_file, bag / ATTESTATION_NAME)
+    findings, signers, made = list[Finding](), dict[Purpose, Signer](), None
+    data = tried(findings, bag, signature.read_file, bag / ATTESTATION_NAME)
     kind = Purpose.ATTESTATION, Attestation, policy.trusted, ATTESTATION_NAME
-    if data is not None and (signed := tried(found, bag, signature.open_envelope, data, *kind)):
+    if data is not None and (signed := tried(findings, bag, signature.open_envelope, data, *kind)):
         made, entries = signed.predicate, chain.entries if chain else []
         later = [entry.signer for entry in entries if entry.predicate.number > made.number]
-        manifest = tried(found, bag, read_manifest, bag)
+        manifest = tried(findings, bag, read_manifest, bag)
         by = bag, manifest, made, signed.signer, policy, later, now
-        signers = _check_signers(found, *by)
+        signers = _check_signers(findings, *by)
         for name in signed.sha256:
-            found += tried(found, bag / name, _check_file, bag, name, signed, manifest) or []
+            findings += tried(findings, bag / name, _check_file, bag, name, signed, manifest) or []
         others = [path for path in _files(bag) if path.name not in signed.sha256]
-        found += [finding(Code.NOT_ATTESTED, path) for path in others]
-        found += [note for note in made.notes if note not in found]
+        findings += [finding(Code.NOT_ATTESTED, path) for path in others]
+        findings += [note for note in made.notes if note not in findings]
         if chain and signed.data not in {entry.data for entry in entries}:
-            found.append(finding(Code.NOT_IN_CHAIN, chain.folder, number=made.number))
+            findings.append(finding(Code.NOT_IN_CHAIN, chain.folder, number=made.number))
     dated = any(key.valid_from or key.valid_until or key.revoked for key in policy.trusted)
     for code, applies in (
         (Unchecked.FILES_NOT_CHECKED, made is None),
@@ -288,9 +288,9 @@ def verify_bag(
         (Unchecked.NO_CHAIN, made and chain is None),
         (Unchecked.ALL_KEYS, made and not dated),
     ):
-        found += [finding(code, bag)] if applies else []
-    faults = tuple(filter(policy.is_fault, found))
-    rest = tuple(entry for entry in found if entry not in faults)
+        findings += [finding(code, bag)] if applies else []
+    faults = tuple(filter(policy.is_fault, findings))
+    rest = tuple(entry for entry in findings if entry not in faults)
     return Verification(bag=bag, attested=made, signers=signers, findings=faults, not_checked=rest)
 
 

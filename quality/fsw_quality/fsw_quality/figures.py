@@ -88,22 +88,22 @@ def unrolled(
 
     None without angles. ``beside``: also as this file.
     """
-    found = record.exceedances
+    exceedances = record.exceedances
     known = course.angle_deg[np.isfinite(course.angle_deg)]
     if not known.size:
         return None
-    outside = [exceedance.limit for exceedance in found]
+    outside = [exceedance.limit for exceedance in exceedances]
     rows = [check for check in procedure.checks() if check.kind != "set_point" or check in outside]
     end = max(float(known.max()), 1.0)
     with sheet(9.0, 1.4 + 0.3 * len(rows)) as figure:
         axis = figure.subplots()
-        for one in found:
-            if one.angle_deg is None:
+        for row in exceedances:
+            if row.angle_deg is None:
                 continue
-            begin, stop = one.angle_deg
+            begin, stop = row.angle_deg
             width = max(stop - begin, _LEAST_WIDTH * end)
-            style = _MISSING if one.missing == one.samples else _MARKS[one.kind]
-            axis.barh(rows.index(one.limit), width, left=begin, height=0.7, linewidth=0.6, **style)
+            style = _MISSING if row.missing == row.samples else _MARKS[row.kind]
+            axis.barh(rows.index(row.limit), width, left=begin, height=0.7, linewidth=0.6, **style)
         for gap in record.gaps:
             if gap.angle_deg is not None:
                 begin, stop = gap.angle_deg

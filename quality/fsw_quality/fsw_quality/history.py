@@ -108,26 +108,26 @@ def row(
     measured and model torque, so that welds at other forces and depths compare.
     """
     course = course_of(signals)
-    found: Row = {
+    values: Row = {
         "weld": name,
         **{key: identity.get(key, "") for key in IDENTITY},
         "verdict": verdict,
     }
-    found[FILES] = ",".join(files_sha256)
-    found["controllers"] = ", ".join(course.controllers)
-    found["operators"] = ", ".join(signals.operators)
+    values[FILES] = ",".join(files_sha256)
+    values["controllers"] = ", ".join(course.controllers)
+    values["operators"] = ", ".join(signals.operators)
     procedure = next((entry.identity for entry in attached(signals.attachments)), judged_by)
-    found["procedure"] = f"{procedure.id} {procedure.revision}" if procedure else ""
-    found["procedure_sha256"] = procedure.sha256 if procedure else ""
-    found["tuning"] = json.dumps(recorded_tunings(signals, course.controllers))
-    found["software"] = json.dumps(
+    values["procedure"] = f"{procedure.id} {procedure.revision}" if procedure else ""
+    values["procedure_sha256"] = procedure.sha256 if procedure else ""
+    values["tuning"] = json.dumps(recorded_tunings(signals, course.controllers))
+    values["software"] = json.dumps(
         {"welded": software_versions(signals.attachments), "judged": judged_with()}
     )
     sources = course.source[course.source != ""]
-    found |= {
+    values |= {
         "start_ns": int(signals.stamp_ns[0]),
         "swaps": int(np.sum(sources[1:] != sources[:-1])),
-        "operator_actions": sum(one.kind == "operator" for one in signals.events),
+        "operator_actions": sum(event.kind == "operator" for event in signals.events),
         "duration_s": float(course.time_s[-1] - course.time_s[0]),
         "power_kw": _mean(course.values["power_kw"]),
     }
@@ -136,8 +136,8 @@ def row(
         known = error[np.isfinite(error)]
         of = (known.mean(), known.std(), np.abs(known).max()) if known.size else (nan, nan, nan)
         for what, value in zip(("mean", "sigma", "max"), of, strict=True):
-            found[f"{variable}_error_{what}_{unit}"] = float(value)
-    return found | _told_by_monitor(watched)
+            values[f"{variable}_error_{what}_{unit}"] = float(value)
+    return values | _told_by_monitor(watched)
 
 
 def _told_by_monitor(watched: Watched) -> Row:
@@ -214,8 +214,8 @@ def _check_once(folder: Path, table: pa.Table) -> None:
     """An `InputError` when a name, or a file with messages, is there twice."""
     names, seen = table["weld"].to_pylist(), dict[str, str]()
     for name, hashes in zip(names, table[FILES].to_pylist(), strict=True):
-        for one in filter(None, (hashes or "").split(",")):
-            if (other := seen.setdefault(one, name)) != name:
+        for digest in filter(None, (hashes or "").split(",")):
+            if (other := seen.setdefault(digest, name)) != name:
                 raise InputError(
                     f"{folder}: two records of one weld: {name} has the files of {other}, which is in the history; "
                     "nothing is added"
@@ -257,7 +257,7 @@ def load(folder: Path) -> pa.Table:
 
 
 def _files(folder: Path) -> list[Path]:
-    return sorted(one for one in folder.glob("[0-9]*.parquet") if one.stem.isdecimal())
+    return sorted(path for path in folder.glob("[0-9]*.parquet") if path.stem.isdecimal())
 
 
 def column(table: pa.Table, name: str) -> FloatArray:
@@ -287,15 +287,15 @@ def difference(table: pa.Table, first: str, second: str) -> list[tuple[str, str,
         rows.append(names.index(name))
     before, after = (table.slice(i, 1).to_pylist()[0] for i in rows)
     texts = [(*change, nan) for change in changes(before, after)]
-    found = []
+    moved = []
     for name, words in NUMBERS.items():
         moves = np.abs(np.diff(column(table, name)))
         moves = moves[np.isfinite(moves)]
         sigma = float(np.median(moves)) / 0.954 if moves.size else 0.0
         change = after[name] - before[name]
         if isfinite(change) and sigma > 0.0 and abs(change) > 3.0 * sigma:
-            found.append((words, f"{before[name]:.4g}", f"{after[name]:.4g}", change / sigma))
-    return [*texts, *sorted(found, key=lambda entry: -abs(entry[3]))]
+            moved.append((words, f"{before[name]:.4g}", f"{after[name]:.4g}", change / sigma))
+    return [*texts, *sorted(moved, key=lambda entry: -abs(entry[3]))]
 
 
 def changes(

@@ -152,7 +152,7 @@ def performance() -> dict[str, float]:
 
 def tools(table: pa.Table) -> list[ToolLife]:
     """The tools, in the order of their first welds."""
-    names = np.array([one or "" for one in table["tool"].to_pylist()], object)
+    names = np.array([tool or "" for tool in table["tool"].to_pylist()], object)
     torque = column(table, "torque_nm")
     return [
         ToolLife(
@@ -170,25 +170,25 @@ def remarks(table: pa.Table, made: dict[str, Chart]) -> list[Remark]:
     Correlated quantities, whose charts have no limits that hold, stand at the newest weld.
     """
     rows, groups = table.to_pylist(), _groups(table)
-    said = [*_signals(made, groups), *_alarms(rows)]
+    notes = [*_signals(made, groups), *_alarms(rows)]
     for name, share in correlated(made, groups).items():
         text = (
             f"{NUMBERS[name]} is correlated from weld to weld ({share:+.2f}): the limits of its charts "
             "do not hold, their signals may be false"
         )
-        said.append(Remark(len(rows) - 1, Kind.CORRELATION, name, text))
+        notes.append(Remark(len(rows) - 1, Kind.CORRELATION, name, text))
     for i, (before, row) in enumerate(zip([None, *rows], rows, strict=False)):
         if before and (changed := changes(before, row, _SETTINGS)):
-            said.append(_changed(i, changed))
+            notes.append(_changed(i, changed))
         if row["swaps"]:
-            said.append(Remark(i, Kind.SWAP, text=f"{row['swaps']} swap(s): {row['controllers']}"))
+            text = f"{row['swaps']} swap(s): {row['controllers']}"
+            notes.append(Remark(i, Kind.SWAP, text=text))
         if row["operators"]:
-            said.append(
-                Remark(i, Kind.OPERATOR, row["operators"], f"operator acted: {row['operators']}")
-            )
+            text = f"operator acted: {row['operators']}"
+            notes.append(Remark(i, Kind.OPERATOR, row["operators"], text))
         if row["verdict"] in ("review", "reject"):
-            said.append(Remark(i, Kind.VERDICT, row["verdict"], f"verdict {row['verdict']}"))
-    return sorted(said, key=lambda entry: entry.at)
+            notes.append(Remark(i, Kind.VERDICT, row["verdict"], f"verdict {row['verdict']}"))
+    return sorted(notes, key=lambda entry: entry.at)
 
 
 def _changed(at: int, changed: Sequence[Change]) -> Remark:
@@ -238,10 +238,10 @@ def _alarms(rows: Sequence[Row]) -> Iterator[Remark]:
 
 def _causes(row: Row) -> Iterator[tuple[str, str]]:
     """Cause of each alarm of a weld, and its words; of a row of an older version the causes alone are known."""
-    for one in row[FINDINGS] or ():
-        cause, *others = map(WatchCause, (one["cause"], *one["others"]))
-        text = Finding(cause, True, one["size"], one["error"], others=tuple(others)).text
-        yield cause.word, f" at {one['begin_s']:.0f} s: {text}"
+    for alarm in row[FINDINGS] or ():
+        cause, *others = map(WatchCause, (alarm["cause"], *alarm["others"]))
+        text = Finding(cause, True, alarm["size"], alarm["error"], others=tuple(others)).text
+        yield cause.word, f" at {alarm['begin_s']:.0f} s: {text}"
     if row[FINDINGS] is None:
         yield from (
             (cause, f": {cause}") for cause in (row["alarm_kinds"] or "").split(", ") if cause
@@ -257,15 +257,15 @@ def write(table: pa.Table, target: Path, title: str, beside: Path | None = None)
         If the file cannot be written.
     """
     made = charts(table)
-    said = remarks(table, made)
+    notes = remarks(table, made)
     text = page(
         "fsw_quality",
         "history.html.j2",
         title=title,
         welds=table.num_rows,
         names=table["weld"].to_pylist(),
-        remarks=said[-_MOST:],
-        left_out=max(0, len(said) - _MOST),
+        remarks=notes[-_MOST:],
+        left_out=max(0, len(notes) - _MOST),
         tools=tools(table),
         image=source(draw(table, made, beside)),
         limits=LIMITS,
@@ -274,21 +274,21 @@ def write(table: pa.Table, target: Path, title: str, beside: Path | None = None)
         quantities=len(CHARTED),
         performance=performance(),
         table=[
-            {**one, "words": _short(one)}
-            for one in table.slice(max(0, table.num_rows - _MOST)).to_pylist()
+            {**weld, "words": _short(weld)}
+            for weld in table.slice(max(0, table.num_rows - _MOST)).to_pylist()
         ],
     )
     write_whole(target, text)
-    return said
+    return notes
 
 
-def _short(one: dict[str, Any]) -> str:
+def _short(weld: dict[str, Any]) -> str:
     return ", ".join(
         text
         for text in (
-            one["alarm_kinds"] or "",
-            f"{one['swaps']} swaps" if one["swaps"] else "",
-            f"operator {one['operators']}" if one["operators"] else "",
+            weld["alarm_kinds"] or "",
+            f"{weld['swaps']} swaps" if weld["swaps"] else "",
+            f"operator {weld['operators']}" if weld["operators"] else "",
         )
         if text
     )

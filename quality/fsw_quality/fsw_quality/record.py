@@ -95,15 +95,15 @@ def read(
     proof, wrong = proof_of(bag)
     signals.problems.extend(wrong)
     with BagReader(bag) as reader:
-        told = attached_procedures(signals)
+        added = attached_procedures(signals)
         watch = qualified(signals.namespace, WATCH_NODE)
         if f"parameters/{watch.replace('/', '.')}.yaml" in signals.attachments:
-            known = [one.data for one in told]
-            told += [one for one in told_by_watch(reader, signals) if one.data not in known]
-        told += estimated(reader, signals)
-    if told:
+            known = [row.data for row in added]
+            added += [row for row in told_by_watch(reader, signals) if row.data not in known]
+        added += estimated(reader, signals)
+    if added:
         signals = replace(
-            signals, events=sorted([*signals.events, *told], key=lambda one: one.time_s)
+            signals, events=sorted([*signals.events, *added], key=lambda row: row.time_s)
         )
     return signals, proof
 
@@ -197,11 +197,11 @@ def assemble(
         unusable=evidence.unusable,
         unusable_at=tuple(
             Unusable(
-                sensor=one.sensor,
-                flaw=one.flaw,
-                **_placed(course, one.begin_s, one.end_s - one.begin_s + TICK_S),
+                sensor=flaw.sensor,
+                flaw=flaw.flaw,
+                **_placed(course, flaw.begin_s, flaw.end_s - flaw.begin_s + TICK_S),
             )
-            for one in account.unusable
+            for flaw in account.unusable
         ),
         gaps=tuple(Gap(**_placed(course, *gap)) for gap in course.gaps),
         held_s=TICK_S * float(np.sum((course.mode != "auto") & (course.mode != ""))),
@@ -247,7 +247,7 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     if topic is None:
         return []
     definition = definition_of(topic)
-    definitions, found, welded_by = Definitions(), list[WeldEvent](), ""
+    definitions, events, welded_by = Definitions(), list[WeldEvent](), ""
     before: tuple[object, ...] = ()
     # other welds of the domain have theirs
     name = f"{qualified(signals.namespace, WATCH_NODE)}: deviations"
@@ -255,22 +255,22 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
         if name.encode() not in record.data:
             continue
         message = definitions.decode(record.type_name, definition, record.data)
-        line = next((one for one in message.status if one.name == name), None)
+        line = next((row for row in message.status if row.name == name), None)
         if line is None:
             continue
         time_s = _time_s(signals, message)
-        values = {one.key: one.value for one in line.values}
+        values = {pair.key: pair.value for pair in line.values}
         if welded_by != (now := values.get("SHA-256", welded_by)):
-            found.append(
+            events.append(
                 welded(time_s, values.get("procedure", ""), values.get("revision", ""), now)
             )
             welded_by = now
         facts = {key: text for key, text in values.items() if key not in _IDENTIFIES}
-        told = line.level, facts
-        if told != before and (before or line.level):
-            found.append(WeldEvent(time_s, "deviation", detail=line.message, data=facts))
-        before = told
-    return found
+        last = line.level, facts
+        if last != before and (before or line.level):
+            events.append(WeldEvent(time_s, "deviation", detail=line.message, data=facts))
+        before = last
+    return events
 
 
 def estimated(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
@@ -284,7 +284,7 @@ def estimated(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
         message = Definitions().decode(record.type_name, definition_of(topic), record.data)
     except BagError:  # load_weld has reported it
         return []
-    found = []
+    events = []
     for one in getattr(message, "estimates", ()):
         numbers = {name: getattr(one, name) for name in ("size", "error", "alarm_size")}
         estimate = Estimate.of_si(WatchCause(one.cause), NotJudged(one.reason), **numbers)
@@ -293,8 +293,8 @@ def estimated(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
             facts = {"not_judged": estimate.reason.word}
         words = f"{estimate.name}: {estimate.text}"
         time_s = _time_s(signals, message)
-        found.append(WeldEvent(time_s, "estimate", estimate.cause.word, detail=words, data=facts))
-    return found
+        events.append(WeldEvent(time_s, "estimate", estimate.cause.word, detail=words, data=facts))
+    return events
 
 
 def _time_s(signals: WeldSignals, message: Any) -> float:
@@ -305,9 +305,9 @@ def _time_s(signals: WeldSignals, message: Any) -> float:
 
 def attached_procedures(signals: WeldSignals) -> list[WeldEvent]:
     """By which procedure the weld began: the file that was attached to the bag."""
-    identities = (one.identity for one in attached(signals.attachments))
+    identities = (file.identity for file in attached(signals.attachments))
     return [
-        welded(float(signals.time_s[0]), one.id, one.revision, one.sha256) for one in identities
+        welded(float(signals.time_s[0]), row.id, row.revision, row.sha256) for row in identities
     ]
 
 
@@ -341,17 +341,17 @@ def files_of(bag: Path) -> tuple[BagFile, ...]:
 
 def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfControl]:
     """Who had control when, from the operators' actions on record; ``end_s`` is the end of the weld."""
-    found: list[TimeOfControl] = []
+    times: list[TimeOfControl] = []
     holder, since_s = "", 0.0
     for event in events:
         if event.kind != "operator" or event.data["holder"] == holder:
             continue
         if holder:
-            found.append(TimeOfControl(who=holder, begin_s=since_s, end_s=event.time_s))
+            times.append(TimeOfControl(who=holder, begin_s=since_s, end_s=event.time_s))
         holder, since_s = event.data["holder"], event.time_s
     if holder:
-        found.append(TimeOfControl(who=holder, begin_s=since_s, end_s=max(end_s, since_s)))
-    return found
+        times.append(TimeOfControl(who=holder, begin_s=since_s, end_s=max(end_s, since_s)))
+    return times
 
 
 def _cannot_say(
@@ -367,38 +367,38 @@ def _cannot_say(
         yield Fact.of(FactCode.NO_VERSIONS)
     if evidence.lost is None:
         yield Fact.of(FactCode.LOST_UNKNOWN)
-    if not any(one.kind == "procedure" for one in signals.events):
+    if not any(event.kind == "procedure" for event in signals.events):
         yield Fact.of(FactCode.NO_PROCEDURE, node=WATCH_NODE)
     if evidence.stamp_ns is None:
         yield Fact.of(FactCode.DAY_UNKNOWN)
 
 
 def _events(signals: WeldSignals, course: Course) -> list[Event]:
-    found = list(signals.events)
+    events = list(signals.events)
     if signals.truth is not None:
         faults = signals.truth.active_faults
         before = ""
         for row in [0, *(np.flatnonzero(faults[1:] != faults[:-1]) + 1).tolist()]:
             if faults[row] != before:
-                found.append(
+                events.append(
                     WeldEvent(
                         float(signals.time_s[row]), "fault", faults[row], is_over=not faults[row]
                     )
                 )
             before = faults[row]
     angles = []
-    for one in found:
-        at = min(int(np.searchsorted(course.time_s, one.time_s - 1e-6)), course.time_s.size - 1)
+    for event in events:
+        at = min(int(np.searchsorted(course.time_s, event.time_s - 1e-6)), course.time_s.size - 1)
         angle = float(course.angle_deg[at])
         angles.append(angle if np.isfinite(angle) else None)
     rows = sorted(
-        zip(found, angles, strict=True), key=lambda row: (row[0].time_s, row[0].kind, row[0].text)
+        zip(events, angles, strict=True), key=lambda row: (row[0].time_s, row[0].kind, row[0].text)
     )
-    return [Event.of(one, angle) for one, angle in rows]
+    return [Event.of(event, angle) for event, angle in rows]
 
 
 def _phase(course: Course, procedure: Procedure, name: str, ticks: slice) -> PhaseRecord:
-    values = {key: one[ticks] for key, one in course.values.items()}
+    values = {key: row[ticks] for key, row in course.values.items()}
     time_s, power = course.time_s[ticks], values["power_kw"]
     travel = course.travel_mm[ticks]
     known = travel[np.isfinite(travel)]
@@ -444,11 +444,11 @@ def _statistics(
         return None
     known = error[np.isfinite(error)]
     limits = [
-        one
-        for one in procedure.quality
-        if one.variable == variable and (not one.phases or phase in one.phases)
+        rule
+        for rule in procedure.quality
+        if rule.variable == variable and (not rule.phases or phase in rule.phases)
     ]
-    inside = [beyond(known, one.min, one.max) == 0.0 for one in limits]
+    inside = [beyond(known, limit.min, limit.max) == 0.0 for limit in limits]
     return Statistics(
         mean=of.mean,
         sigma=of.sigma,

@@ -155,7 +155,7 @@ class Unusable(Gap):
 
 def data_files(files: Sequence[BagFile]) -> tuple[str, ...]:
     """Hashes of the files with the messages."""
-    return tuple(sorted(one.sha256 for one in files if one.name != METADATA_NAME))
+    return tuple(sorted(file.sha256 for file in files if file.name != METADATA_NAME))
 
 
 def bag_name(path: Path) -> str:
@@ -199,7 +199,7 @@ class Comparison(Model):
     @property
     def far(self) -> list[Figure]:
         """Figures that are far from those of the others."""
-        return [one for one in self.figures if one.is_far]
+        return [row for row in self.figures if row.is_far]
 
 
 class Record(Model):

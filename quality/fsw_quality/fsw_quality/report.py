@@ -27,8 +27,8 @@ _MADE_OF = "fsw-record-sha256:"
 
 def json_sha256(document: bytes) -> str | None:
     """Hash of the record.json that a page or a PDF was made of; None where it says none."""
-    found = re.search(_MADE_OF.encode() + rb"([0-9a-f]{64})", document)
-    return found.group(1).decode() if found else None
+    match = re.search(_MADE_OF.encode() + rb"([0-9a-f]{64})", document)
+    return match.group(1).decode() if match else None
 
 
 def _statement(record: Record) -> tuple[str, str]:

@@ -201,9 +201,9 @@ def test_damage_is_located_to_file_and_chunk(shop: Shop) -> None:
     assert result.attested is not None and result.attested.number == 1
     assert (
         sum(
-            any("chunk" in part for part in one.place.parts)
-            for one in result.findings
-            if one.place
+            any("chunk" in part for part in finding.place.parts)
+            for finding in result.findings
+            if finding.place
         )
         == 1
     )
@@ -317,7 +317,9 @@ def test_a_key_revoked_later_is_proven_by_what_others_signed_before(shop: Shop) 
         chain = Chain(shop.chain_folder, trusted)
         result = verify_bag(shop.bag(number), Policy(trusted), last, chain)
         unknown = {entry.code for entry in result.not_checked if entry.line}
-        return [one.code for one in result.findings], Unchecked.REVOCATION_BY_OWN_CLOCK in unknown
+        return [
+            finding.code for finding in result.findings
+        ], Unchecked.REVOCATION_BY_OWN_CLOCK in unknown
 
     assert codes(COUNT) == ([], True)
     shop.weld(8)

@@ -35,10 +35,10 @@ def record(
 
 
 def keep(folder: Path, *records: Record) -> None:
-    for one in records:
-        (folder / one.bag).mkdir(parents=True)
-        (folder / one.bag / "record.json").write_text(
-            one.model_dump_json(exclude_none=True), encoding="utf-8"
+    for record in records:
+        (folder / record.bag).mkdir(parents=True)
+        (folder / record.bag / "record.json").write_text(
+            record.model_dump_json(exclude_none=True), encoding="utf-8"
         )
 
 
@@ -49,18 +49,22 @@ def test_accepted_welds_of_the_procedure_are_taken_and_the_latest_only(tmp_path:
     foreign = record(91, procedure=short_procedure(revision="other"))
     keep(tmp_path, *others, rejected, foreign, record(99))
     found = accepted_before(tmp_path, record(99), pytest.fail)
-    assert len(found) == MOST and {one.bag for one in found} <= {one.bag for one in others}
+    assert len(found) == MOST and {weld.bag for weld in found} <= {weld.bag for weld in others}
 
 
 def test_what_is_far_from_the_others_is_named(tmp_path: Path) -> None:
     others = [record(number, 0.001 * number) for number in range(5)]
-    figures = {(one.phase, one.name): one for one in compare(record(9, 0.05), others).figures}
+    figures = {
+        (figure.phase, figure.name): figure for figure in compare(record(9, 0.05), others).figures
+    }
     far = figures["joint_line", "depth error [mm], mean"]
     assert (far.mean, far.low, far.high) == pytest.approx((0.002, 0.0, 0.004))
     assert far.is_far and far.deviations == pytest.approx(0.048 / 0.00158114, rel=1e-3)
     assert not figures["joint_line", "force [kN], mean"].is_far  # equal in all
     assert not compare(record(9, 0.0025), others).far
-    assert all(one.deviations is None for one in compare(record(9, 0.05), others[:2]).figures)
+    assert all(
+        figure.deviations is None for figure in compare(record(9, 0.05), others[:2]).figures
+    )
     assert compare(record(9), []).figures == ()
 
 

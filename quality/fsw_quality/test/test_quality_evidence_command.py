@@ -55,7 +55,7 @@ def test_from_key_to_proof(
         and "C-1: proven: weld 1" in out
         and out.count("attestation signed by evidence_key") == 2
     )
-    assert content["chain"] == [] and [one["findings"] for one in content["bags"]] == [[], []]
+    assert content["chain"] == [] and [bag["findings"] for bag in content["bags"]] == [[], []]
     assert {"manifest_unsigned", "procedure_unsigned", "all_keys"} <= {
         one["code"] for one in content["bags"][0]["not_checked"]
     }
@@ -65,7 +65,7 @@ def test_from_key_to_proof(
     assert run("attest", bags[0], "--chain", alone) == 0  # without a procedure
     assert run("verify-evidence", bags[0], "--chain", alone, "--json", found, "--force") == 0
     notes = json.loads(found.read_text())["bags"][0]["not_checked"]
-    assert {one["code"] for one in notes} == {
+    assert {note["code"] for note in notes} == {
         "manifest_unsigned",
         "procedure_absent",
         "clock_unknown",

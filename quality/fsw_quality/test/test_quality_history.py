@@ -224,7 +224,7 @@ def test_correlation_from_weld_to_weld_is_noted_and_a_shift_or_wear_is_none() ->
     away = np.arange(welds) > 50
 
     def noted(histories: np.ndarray, groups: list[int] | None = None) -> tuple[float, int]:
-        made = [control_charts.chart(one, LIMITS, groups=groups) for one in histories]
+        made = [control_charts.chart(history, LIMITS, groups=groups) for history in histories]
         judged = [
             control_charts.correlation(entry, quantities, groups)
             for entry in made

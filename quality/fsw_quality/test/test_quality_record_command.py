@@ -56,7 +56,7 @@ def run(*arguments: object) -> int:
 
 def verdict(found: Record) -> str:
     """But for the rule that the weld ran by another procedure."""
-    return str(decide([one for one in found.rules if one.name != "procedure"]).verdict)
+    return str(decide([rule for rule in found.rules if rule.name != "procedure"]).verdict)
 
 
 def with_changes(folder: Path, **changes: Any) -> Path:
@@ -105,8 +105,8 @@ def test_the_record_is_written_by_itself(recorded: Path) -> None:
     assert found.verdict == "review" and (recorded / "record" / "record.pdf").exists()
     assert {"procedure.yaml", "parameters/fsw_procedure.yaml"} <= set(found.attachments_sha256)
     assert "code of fsw_supervisor" in found.software
-    assert not [one for one in found.events if one.kind == "deviation"]
-    (welded_by,) = [one for one in found.rules if one.name == "procedure"]
+    assert not [event for event in found.events if event.kind == "deviation"]
+    (welded_by,) = [rule for rule in found.rules if rule.name == "procedure"]
     assert welded_by.verdict == "accept" and welded_by.data["sha256"] == found.procedure.sha256
 
 
@@ -132,11 +132,11 @@ def test_record_of_a_recorded_weld(
     assert "REVIEW (quality: depth_error_mm -0.1 to 0.1: " in capsys.readouterr().out
     text = (tmp_path / "out" / "record.json").read_text(encoding="utf-8")
     found = Record.model_validate_json(text)
-    assert {one.name for one in found.rules if one.verdict != "accept"} == {"quality"}
+    assert {rule.name for rule in found.rules if rule.verdict != "accept"} == {"quality"}
     assert found.procedure.sha256 == procedure.load(asked).sha256
     assert found.identity == {"canister": "C-1", "tool": "T-4"}
     assert [fact.code for fact in found.proof] == [FactCode.AS_LISTED, FactCode.UNSIGNED]
-    edge = next(one for one in found.exceedances if one.duration_s > 0.3)
+    edge = next(exceedance for exceedance in found.exceedances if exceedance.duration_s > 0.3)
     assert (
         6.0 <= edge.begin_s <= 6.3
         and edge.phases == ("joint_line",)
@@ -150,9 +150,9 @@ def test_record_of_a_recorded_weld(
     assert edge.angle_deg is not None and edge.angle_deg[0] == pytest.approx(
         edge.travel_mm[0] / 9.163, abs=0.6
     )
-    joint_line = next(one for one in found.phases if one.phase == "joint_line")
+    joint_line = next(phase for phase in found.phases if phase.phase == "joint_line")
     assert joint_line.envelopes["traverse_mm_per_min"].mean == pytest.approx(300.0, rel=0.03)
-    assert {one.name for one in found.files} == {
+    assert {file.name for file in found.files} == {
         "bag_0.mcap",
         "metadata.yaml",
     } and "numpy" in found.software
@@ -279,7 +279,7 @@ def test_what_is_not_as_the_manifest_has_it_is_on_record(tmp_path: Path) -> None
     for canister, told in (("one", False), ("other", True)):
         (bag / MANIFEST_NAME).write_text(texts[canister], encoding="utf-8")
         found = make(bag, values)[0]
-        [rule] = [one for one in found.rules if one.name == "recording"]
+        [rule] = [rule for rule in found.rules if rule.name == "recording"]
         assert ("bag_0.mcap" in rule.figure) is told
         assert (FactCode.NOT_AS_LISTED in {fact.code for fact in found.proof}) is told
         assert (FactCode.DAMAGE in {fact.code for fact in found.cannot_say}) is told

@@ -57,7 +57,7 @@ def without(weld: WeldSignals, ticks: list[int]) -> WeldSignals:
             return DriveSignals(value.force_kn[kept], value.speed_rpm[kept])
         return value
 
-    return replace(weld, **{one.name: cut(getattr(weld, one.name)) for one in fields(weld)})
+    return replace(weld, **{field.name: cut(getattr(weld, field.name)) for field in fields(weld)})
 
 
 def test_a_good_weld_is_accepted() -> None:
@@ -68,7 +68,7 @@ def test_a_good_weld_is_accepted() -> None:
         and not record.gaps
         and not any(record.missing[name] for name in ARRAYS)
     )
-    assert [one.phase for one in record.phases] == ["dwell", "joint_line", "whole weld"]
+    assert [phase.phase for phase in record.phases] == ["dwell", "joint_line", "whole weld"]
 
 
 LIMITS = [
@@ -89,7 +89,11 @@ def test_one_sample_outside_an_essential_limit_is_never_accepted(
     weld, (name, value) = good_weld(), limit
     array(weld, name)[tick : tick + ticks] = value
     record = judged(weld)
-    own = [one for one in record.exceedances if one.kind == "essential" and one.variable == name]
+    own = [
+        exceedance
+        for exceedance in record.exceedances
+        if exceedance.kind == "essential" and exceedance.variable == name
+    ]
     assert [one.samples for one in own] == [min(ticks, TICKS - tick)]
     assert own[0].begin_s == pytest.approx(0.1 * (tick + 1)) and own[0].extreme == value
     assert record.verdict is (Verdict.REJECT if own[0].samples > 3 else Verdict.REVIEW)
@@ -127,8 +131,8 @@ def test_missing_data_never_make_a_verdict_better(weld: WeldSignals, data: st.Da
     if data.draw(st.booleans()):
         keep = data.draw(st.integers(DWELL, TICKS - 1))
         poorer = without(poorer, list(range(keep, poorer.n_ticks)))
-        poorer.events = [one for one in poorer.events if one.time_s <= poorer.time_s[-1]]
-        poorer.phases = [one for one in poorer.phases if one[1] <= poorer.time_s[-1]]
+        poorer.events = [event for event in poorer.events if event.time_s <= poorer.time_s[-1]]
+        poorer.phases = [phase for phase in poorer.phases if phase[1] <= poorer.time_s[-1]]
     if data.draw(st.booleans()):
         poorer.drives = None
     if data.draw(st.booleans()):
@@ -143,7 +147,7 @@ def test_a_swap_of_an_older_bag_has_a_cause_that_is_not_known() -> None:
     """Not one that was not asked for: the rule is broken all the same."""
     weld = good_weld()
     weld.events.insert(1, WeldEvent(3.0, "swap", "nmpc", cause=Cause.UNKNOWN))
-    [rule] = [one for one in judged(weld).rules if one.name == "swaps"]
+    [rule] = [rule for rule in judged(weld).rules if rule.name == "swaps"]
     assert rule.verdict is Verdict.REVIEW
     assert rule.facts == (
         Fact.of(FactCode.SWAPS, count=1, unwanted=0),
@@ -156,21 +160,24 @@ def test_a_sample_lost_beside_an_exceedance_does_not_shorten_it(lost: int) -> No
     weld = good_weld()
     weld.temperature_c[20:24] = 920.0
     record = judged(without(weld, [lost]))
-    assert record.verdict is Verdict.REJECT and next(one.samples for one in record.exceedances) < 4
-    assert [one.name for one in record.rules if one.verdict is Verdict.REJECT] == ["essential"]
+    assert (
+        record.verdict is Verdict.REJECT
+        and next(exceedance.samples for exceedance in record.exceedances) < 4
+    )
+    assert [rule.name for rule in record.rules if rule.verdict is Verdict.REJECT] == ["essential"]
 
 
 @given(st.lists(TICK, min_size=1, max_size=8))
 def test_a_weld_with_a_gap_is_never_accepted(ticks: list[int]) -> None:
     record = judged(without(good_weld(), ticks))
     assert record.verdict is not Verdict.ACCEPT
-    assert sum(one.duration_s for one in record.gaps) == pytest.approx(0.1 * len(set(ticks)))
+    assert sum(gap.duration_s for gap in record.gaps) == pytest.approx(0.1 * len(set(ticks)))
 
 
 def test_a_gap_spans_its_ticks_wherever_they_are() -> None:
     """Between its neighbours, also at both ends: when the programme began and was done is on record."""
     record = judged(without(good_weld(), [0, 20, 21, 22, TICKS - 1]))
-    assert [(one.begin_s, one.duration_s) for one in record.gaps] == [
+    assert [(gap.begin_s, gap.duration_s) for gap in record.gaps] == [
         (0.1, 0.1),
         (2.1, 0.3),
         (6.0, 0.1),
@@ -284,7 +291,7 @@ def broken(name: str) -> tuple[WeldSignals, dict[str, Any], dict[str, str]]:
 def test_each_rule_alone_decides(rule: str) -> None:
     weld, changes, custom = broken(rule)
     record = judged(weld, short_procedure(**changes), custom)
-    assert {one.name for one in record.rules if one.verdict is not Verdict.ACCEPT} == {rule}
+    assert {rule.name for rule in record.rules if rule.verdict is not Verdict.ACCEPT} == {rule}
     assert record.deciding.name == rule
     assert record.verdict is (Verdict.REJECT if rule == "complete" else Verdict.REVIEW)
 
@@ -296,7 +303,7 @@ def test_a_weld_by_the_procedure_that_judges_it_is_accepted_and_one_by_an_unknow
     assert FactCode.NO_PROCEDURE in unknown(judged(weld))
     weld.events.insert(0, welded(0.1, wanted.id, wanted.revision, wanted.sha256))
     record = judged(weld)
-    rule = next(one for one in record.rules if one.name == "procedure")
+    rule = next(rule for rule in record.rules if rule.name == "procedure")
     assert record.verdict is Verdict.ACCEPT and FactCode.NO_PROCEDURE not in unknown(record)
     told = {"procedure": wanted.id, "revision": wanted.revision, "sha256": wanted.sha256}
     assert rule.facts == (Fact.of(FactCode.WELDED_BY, **told),) and rule.data == told
@@ -326,7 +333,7 @@ def test_lost_messages_and_a_bag_without_states_are_for_review() -> None:
     assert FactCode.LOST_UNKNOWN in unknown(record)
     weld.counts = {}
     record = judged(weld)
-    assert {one.name for one in record.rules if one.verdict is Verdict.REVIEW} == {
+    assert {rule.name for rule in record.rules if rule.verdict is Verdict.REVIEW} == {
         "swaps",
         "mode",
         "interlocks",
@@ -403,7 +410,9 @@ def test_short_exceedances_of_quality_add_up(changes: dict[str, float], verdict:
     procedure = short_procedure(acceptance=PROCEDURE.acceptance.model_dump() | changes)
     record = judged(weld, procedure)
     rule = next(
-        one for one in record.rules if one.name == "quality" and one.subject == "depth_error_mm"
+        rule
+        for rule in record.rules
+        if rule.name == "quality" and rule.subject == "depth_error_mm"
     )
     assert record.verdict is rule.verdict is verdict
     outside, length = rule.facts[:2]
@@ -414,9 +423,9 @@ def test_short_exceedances_of_quality_add_up(changes: dict[str, float], verdict:
 def test_a_dwell_on_a_real_clock_may_lack_half_a_tick(lasts_s: float, complete: bool) -> None:
     weld = good_weld()
     weld.time_s *= lasts_s
-    weld.events[:] = [replace(one, time_s=one.time_s * lasts_s) for one in weld.events]
+    weld.events[:] = [replace(event, time_s=event.time_s * lasts_s) for event in weld.events]
     weld.phases[:] = [(name, begin_s * lasts_s) for name, begin_s in weld.phases]
-    rule = next(one for one in judged(weld).rules if one.name == "complete")
+    rule = next(rule for rule in judged(weld).rules if rule.name == "complete")
     assert (FactCode.LASTS not in [fact.code for fact in rule.facts]) == complete
 
 
@@ -428,9 +437,9 @@ def test_events_of_a_record_are_facts_of_which_the_same_words_follow() -> None:
     record = judged(weld)
     read = Record.model_validate_json(record.model_dump_json(exclude_none=True))
     assert read.events == record.events
-    swap = next(one for one in read.events if one.kind == "swap")
+    swap = next(event for event in read.events if event.kind == "swap")
     assert (swap.subject, swap.cause) == ("nmpc", "swap_failed")
-    assert [one.text for one in read.events] == [one.text for one in weld.events]
+    assert [event.text for event in read.events] == [event.text for event in weld.events]
 
 
 @pytest.mark.parametrize(("ticks", "verdict"), [(3, Verdict.REVIEW), (4, Verdict.REJECT)])
@@ -483,9 +492,9 @@ def test_where_an_exceedance_was() -> None:
     weld = good_weld()
     weld.temperature_c[30:35] = [911.0, 915.0, np.nan, 912.0, 911.0]
     [found] = [
-        one
-        for one in judged(weld).exceedances
-        if one.kind == "essential" and one.variable == "temperature_c"
+        exceedance
+        for exceedance in judged(weld).exceedances
+        if exceedance.kind == "essential" and exceedance.variable == "temperature_c"
     ]
     assert (found.begin_s, found.duration_s, found.samples, found.missing) == (3.1, 0.5, 5, 1)
     assert (found.extreme, found.beyond) == (915.0, 5.0)
@@ -559,7 +568,7 @@ def test_tool_and_machine_are_compared_with_the_weld(
 ) -> None:
     procedure = short_procedure(tool=PROCEDURE.tool.model_dump(exclude_none=True) | tool)
     record = judged(good_weld(), procedure, COMPLETE | custom)
-    assert {one.name for one in record.rules if one.verdict is not Verdict.ACCEPT} == broken
+    assert {rule.name for rule in record.rules if rule.verdict is not Verdict.ACCEPT} == broken
 
 
 def test_what_else_is_known_of_a_weld_is_in_its_record() -> None:

@@ -51,17 +51,17 @@ def _info_values(info: BagInfo, ticks: TickCounter) -> dict[str, Any]:
         "last_stamp_ns": last_ns,
         "topics": [
             {
-                "name": one.name,
-                "type": one.type_name,
-                "count": info.counts.get(one.name, 0),
-                "type_hash": one.type_hash,
-                "ticks_missing": gaps[one.name].missing if one.name in gaps else None,
-                "ticks_before": gaps[one.name].before if one.name in gaps else None,
-                "ticks_after": gaps[one.name].after if one.name in gaps else None,
+                "name": topic.name,
+                "type": topic.type_name,
+                "count": info.counts.get(topic.name, 0),
+                "type_hash": topic.type_hash,
+                "ticks_missing": gaps[topic.name].missing if topic.name in gaps else None,
+                "ticks_before": gaps[topic.name].before if topic.name in gaps else None,
+                "ticks_after": gaps[topic.name].after if topic.name in gaps else None,
             }
-            for one in info.topics
+            for topic in info.topics
         ],
-        "attachments": {one.name: len(one.data) for one in info.attachments},
+        "attachments": {file.name: len(file.data) for file in info.attachments},
         "custom_data": info.custom_data,
         "problems": info.problems,
     }
@@ -78,7 +78,7 @@ def _print(info: BagInfo, ticks: TickCounter) -> None:
     rows += [("Duration", f"{info.duration_s:.3f} s"), ("Messages", str(info.message_count))]
     if gaps:  # the recorder's clock may have been set meanwhile, or time was simulated
         rows.append(("Weld time", f"{(last_ns - first_ns) * 1e-9:.3f} s, according to the stamps"))
-    rows += [("Attachment", f"{one.name} ({len(one.data)} bytes)") for one in info.attachments]
+    rows += [("Attachment", f"{file.name} ({len(file.data)} bytes)") for file in info.attachments]
     rows += [("Custom data", f"{key}: {value}") for key, value in info.custom_data.items()]
     rows += [("Problem", problem) for problem in info.problems]
     for name, gap in sorted(gaps.items()):

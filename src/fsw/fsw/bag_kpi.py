@@ -38,9 +38,7 @@ def figures_of_merit(arguments: argparse.Namespace) -> int:
     if any(phases):
         print("\n" + phase_kpi.markdown([run for run in phases if run]), end="")
     rows = zip(results, phases, strict=True)
-    write_json(
-        arguments.json, [result | {"phases": [asdict(one) for one in run]} for result, run in rows]
-    )
+    write_json(arguments.json, [result | {"phases": [*map(asdict, run)]} for result, run in rows])
     return 0
 
 

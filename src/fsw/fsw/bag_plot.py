@@ -55,7 +55,7 @@ def plot(arguments: argparse.Namespace) -> int:
             numbers = parse(text.decode("utf-8", "replace"), "scenario.yaml of the bag").figures
         except InputError as error:
             print_notes([str(error)])
-    names = (*(f"fig{one}" for one in numbers or ()), "overview")
+    names = (*(f"fig{number}" for number in numbers or ()), "overview")
     ending = ending or "png"
     check_new([folder / f"{name}.{ending}" for name in names], arguments.force)
     folder.mkdir(parents=True, exist_ok=True)

@@ -164,14 +164,14 @@ def assignment(option: str, text: str) -> tuple[str, Any]:
 
 def assigned(option: str, texts: Sequence[str], form: str = "NAME=VALUE") -> dict[str, str]:
     """Texts by name of an option's arguments NAME=TEXT; ``form`` says how to write them."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
         if not (name and value):
             raise CommandError(f"{option} {text}: write {form}")
-        if found.setdefault(name, value) != value:
+        if values.setdefault(name, value) != value:
             raise CommandError(f"{option}: {name} is given twice")
-    return found
+    return values
 
 
 def parameter(text: str) -> Option:

@@ -53,7 +53,7 @@ class Controller:
     ) -> Proposal:
         """The proposal of this tick, see :class:`fsw_control.contract.Controller`."""
         invalid = [
-            one for one in measurement.invalid_sensors() if one not in self.tolerated_sensors
+            name for name in measurement.invalid_sensors() if name not in self.tolerated_sensors
         ]
         if invalid:
             return Proposal(

@@ -69,10 +69,10 @@ def exit_code(action: Callable[[], int]) -> int:
             sys.stdout.flush()
         return code
     except (*SHOWN, ModuleNotFoundError) as error:
-        said = _without_ros(error) if not middleware_is_here() else ""
-        if not said and isinstance(error, ModuleNotFoundError):
+        text = _without_ros(error) if not middleware_is_here() else ""
+        if not text and isinstance(error, ModuleNotFoundError):
             raise
-        print(f"error: {said or _said(error)}", file=sys.stderr)
+        print(f"error: {text or _said(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as interrupt:
         print(f"interrupted{f': {_said(interrupt)}' if interrupt.args else ''}", file=sys.stderr)

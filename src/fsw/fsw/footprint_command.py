@@ -49,8 +49,8 @@ def compare_footprint(arguments: argparse.Namespace) -> int:
         tuple(arguments.without),
     )
     rows = [
-        (one.sensor, f"{np.mean(one.bias_mm):.3f}", f"{np.ptp(one.bias_mm):.3f}")
-        for one in footprint.sensors
+        (row.sensor, f"{np.mean(row.bias_mm):.3f}", f"{np.ptp(row.bias_mm):.3f}")
+        for row in footprint.sensors
     ]
     print_table(rows, ("sensor", "mean bias [mm]", "range [mm]"), words=1)
     write_json(out, footprint.model_dump())
@@ -73,13 +73,13 @@ def footprint_of(
     CommandError
         If no depth was recorded at a measured angle.
     """
-    found = biases(signals.angle_deg, _samples(signals), at_deg, depth_mm)
-    known = np.isfinite(found["depth"])
+    bias_of = biases(signals.angle_deg, _samples(signals), at_deg, depth_mm)
+    known = np.isfinite(bias_of["depth"])
     if not known.any():
         raise CommandError("footprint: the weld has no depth at any of the measured angles")
     at_deg, depth_mm = at_deg[known], depth_mm[known]
     sensors = []
-    for name, bias in found.items():
+    for name, bias in bias_of.items():
         own = bias[known]
         ok = np.isfinite(own)
         if ok.any() and name not in without:
@@ -107,13 +107,13 @@ def _samples(signals: WeldSignals) -> dict[str, FloatArray]:
     """
     force_kn = signals.force_kn if signals.drives is None else signals.drives.force_kn
     pushed = np.nan_to_num(force_kn - DepthFusionSettings().calibration_force_kn)
-    found = {"depth": signals.depth_mm + signals.footprint_bias_mm}
+    samples = {"depth": signals.depth_mm + signals.footprint_bias_mm}
     for name, row in SENSORS.items():
         channel = CHANNELS.get(name.removeprefix(SENSOR))
         if row.quantity is DEPTH and row.signal in signals.optional and channel is not None:
             shown = channel.deflection_mm_per_kn * pushed
-            found[name] = signals.optional[row.signal] - shown
+            samples[name] = signals.optional[row.signal] - shown
             if signals.fused is not None:
                 good = signals.fused.health[name] == ChannelHealth.GOOD
-                found[name] = np.where(good, found[name], np.nan)
-    return found
+                samples[name] = np.where(good, samples[name], np.nan)
+    return samples

@@ -74,8 +74,8 @@ def fault(arguments: argparse.Namespace) -> int:
     if (kind in WITH_MAGNITUDE) != (arguments.magnitude is not None):
         needs = "needs a" if kind in WITH_MAGNITUDE else "takes no"
         raise CommandError(f"fault: {arguments.kind} {needs} magnitude")
-    wanted = checked_fault(arguments.sensor, kind, arguments.magnitude or 0.0, arguments.duration)
-    return ask(arguments, *SERVICES[False], event_request(wanted))
+    event = checked_fault(arguments.sensor, kind, arguments.magnitude or 0.0, arguments.duration)
+    return ask(arguments, *SERVICES[False], event_request(event))
 
 
 def switch(arguments: argparse.Namespace) -> int:
@@ -88,12 +88,12 @@ def switch(arguments: argparse.Namespace) -> int:
 
 def mode(arguments: argparse.Namespace) -> int:
     """Set the source of commands."""
-    manual, given = arguments.mode == "manual", (arguments.axial_force, arguments.speed)
-    if manual and None in given:
+    manual, inputs = arguments.mode == "manual", (arguments.axial_force, arguments.speed)
+    if manual and None in inputs:
         raise CommandError("mode manual needs --axial-force and --speed")
-    if not manual and given != (None, None):
+    if not manual and inputs != (None, None):
         raise CommandError("--axial-force and --speed are for mode manual only")
-    return ask(arguments, SetMode, "fsw/set_mode", convert.mode_request(arguments.mode, *given))
+    return ask(arguments, SetMode, "fsw/set_mode", convert.mode_request(arguments.mode, *inputs))
 
 
 def acknowledge(arguments: argparse.Namespace) -> int:
@@ -117,15 +117,15 @@ def controllers(arguments: argparse.Namespace) -> int:
     )
     rows = [
         (
-            one.name,
-            health(one),
-            f"{one.latency_mean * 1e3:.2f}",
-            f"{one.latency_max * 1e3:.2f}",
-            str(one.missed),
-            str(one.late),
-            str(one.rejected),
+            row.name,
+            health(row),
+            f"{row.latency_mean * 1e3:.2f}",
+            f"{row.latency_max * 1e3:.2f}",
+            str(row.missed),
+            str(row.late),
+            str(row.rejected),
         )
-        for one in response.controllers
+        for row in response.controllers
     ]
     print_table(rows, header, words=2)
     return 0
@@ -206,7 +206,7 @@ def _publishers(node: Any) -> set[str]:
     """Names of the nodes whose topics this command shows."""
     topics = ("fsw/supervisor/state", "fsw/command")
     return _measuring(node) | {
-        one.node_name for topic in topics for one in node.get_publishers_info_by_topic(topic)
+        info.node_name for topic in topics for info in node.get_publishers_info_by_topic(topic)
     }
 
 
@@ -218,11 +218,11 @@ def _measuring(node: Any) -> set[str]:
 def latest_reports(reports: Iterable[Any], namespace: str, nodes: set[str]) -> dict[str, Any]:
     """Latest diagnostics of these nodes by name (``NODE: PART``), without other welds'."""
     named = (
-        (local_name(one.name, one.hardware_id, namespace), one)
+        (local_name(status.name, status.hardware_id, namespace), status)
         for array in reports
-        for one in array.status
+        for status in array.status
     )
-    return {name: one for name, one in named if name and name.partition(": ")[0] in nodes}
+    return {name: status for name, status in named if name and name.partition(": ")[0] in nodes}
 
 
 def source_rows(
@@ -239,7 +239,7 @@ def source_rows(
     latest : mapping
         Their latest ``DiagnosticStatus`` by name.
     """
-    rows = [(name, one.message) for name, one in sorted(latest.items()) if one.level != OK]
+    rows = [(name, last.message) for name, last in sorted(latest.items()) if last.level != OK]
     if not measured and not sources:
         rows.append(
             ("measurements", f"no plant or gateway offers any; see {program()} lifecycle list")
@@ -270,6 +270,6 @@ def _supervisor_rows(state: Any) -> list[tuple[str, str]]:
         rows.append(("  safe stop", needed))
     rows += [(f"  {controller.name}", health(controller)) for controller in state.controllers]
     if state.interlocks:
-        active = (f"{one.name} {Severity(one.level).word}" for one in state.interlocks)
+        active = (f"{lock.name} {Severity(lock.level).word}" for lock in state.interlocks)
         rows.append(("interlocks", ", ".join(active)))
     return rows

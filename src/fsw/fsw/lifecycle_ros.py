@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _managed(node: Operator, wanted: str) -> list[str]:
+def _managed(node: Operator, required: str) -> list[str]:
     """Names of the namespace's managed nodes, once the requested one, or any, is found."""
     home = node.node.get_namespace().rstrip("/") + "/"
 
@@ -44,9 +44,9 @@ def _managed(node: Operator, wanted: str) -> list[str]:
         services = node.node.get_service_names_and_types()
         names = [name for name, kinds in services if _TYPE in kinds and name.startswith(home)]
         short = [name.removeprefix(home).removesuffix(_GET_STATE) for name in names]
-        return sorted(one for one in short if "/" not in one)
+        return sorted(name for name in short if "/" not in name)
 
-    node.wait_until(lambda: wanted in found() if wanted else found())
+    node.wait_until(lambda: required in found() if required else found())
     return found()
 
 
@@ -59,8 +59,8 @@ def _transitions(node: Operator, name: str) -> dict[str, tuple[int, str]]:
     request = GetAvailableTransitions.Request()
     answer = node.call(GetAvailableTransitions, f"{name}/get_available_transitions", request)
     return {
-        one.transition.label: (one.transition.id, one.goal_state.label)
-        for one in answer.available_transitions
+        way.transition.label: (way.transition.id, way.goal_state.label)
+        for way in answer.available_transitions
     }
 
 

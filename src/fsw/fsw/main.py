@@ -43,22 +43,22 @@ def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
     whole.add_argument("--version", action="version", version=f"fsw-control {__version__}")
     places = {"": _places(whole)}
     for module in _modules(word):
-        for one in vars(module).values():
-            if isinstance(one, Command):
-                before, _, last = one.name.rpartition(" ")
-                description = as_typed(one.description)
+        for command in vars(module).values():
+            if isinstance(command, Command):
+                before, _, last = command.name.rpartition(" ")
+                description = as_typed(command.description)
                 added = places[before].add_parser(
                     last,
-                    help=as_typed(one.text),
+                    help=as_typed(command.text),
                     description=description,
-                    usage=one.usage,
+                    usage=command.usage,
                     allow_abbrev=False,  # --dept might move an actuator
                 )
-                if one.run is None:
-                    places[one.name] = _places(added)
-                for add in one.options:
+                if command.run is None:
+                    places[command.name] = _places(added)
+                for add in command.options:
                     add(added)
-                added.set_defaults(run=one, verb=last, parser=added)
+                added.set_defaults(run=command, verb=last, parser=added)
     return whole
 
 
@@ -71,18 +71,18 @@ def _modules(word: str) -> Iterable[ModuleType]:
     if word == "--version":  # it needs no command
         return ()
     names = list(extensions(GROUP))
-    wanted = [name for name in names if name.partition(".")[0] == word]
-    found: dict[str, ModuleType] = {}
-    for name in wanted or names:
+    matching = [name for name in names if name.partition(".")[0] == word]
+    modules: dict[str, ModuleType] = {}
+    for name in matching or names:
         try:
             module = loaded(GROUP, name)
         except InputError as error:
-            if wanted:
+            if matching:
                 raise
             print(f"note: {error}", file=sys.stderr)
             continue
-        found.setdefault(module.__name__, module)
-    return found.values()
+        modules.setdefault(module.__name__, module)
+    return modules.values()
 
 
 class _Parser(argparse.ArgumentParser):

@@ -154,12 +154,12 @@ class ErrorLines:
 
     def _lines(self) -> list[str]:
         new = (
-            one for one in self._logs if one.stamp.sec + 1e-9 * one.stamp.nanosec >= self._since_s
+            log for log in self._logs if log.stamp.sec + 1e-9 * log.stamp.nanosec >= self._since_s
         )
         return [
-            one.msg
-            for one in new
-            if one.name == self._logger and one.level >= LoggingSeverity.ERROR
+            log.msg
+            for log in new
+            if log.name == self._logger and log.level >= LoggingSeverity.ERROR
         ]
 
     def last(self) -> str:

@@ -20,9 +20,9 @@ from fsw_control.schema import files
 _MARK = ".fsw_results"
 
 
-def check_new(wanted: Iterable[Path | None], force: bool) -> None:
+def check_new(paths: Iterable[Path | None], force: bool) -> None:
     """Reject existing files before any work is done; CommandError names the first one."""
-    for file in wanted:
+    for file in paths:
         if file is not None and file.is_dir():
             raise CommandError(f"cannot write {file}: it is a folder")
         if file is not None and file.exists() and not force:
@@ -118,7 +118,7 @@ def _inputs_in(
     """What arguments name inside a folder, also as ``NAME=FILE``, but for outputs."""
     for value in vars(arguments).values():
         values = value if isinstance(value, list | tuple) else [value]
-        for text in (str(one) for one in values if isinstance(one, str | Path)):
+        for text in (str(item) for item in values if isinstance(item, str | Path)):
             for path in map(Path, {text, text.partition("=")[2]} - {""}):
                 inside = folder.resolve() in path.resolve().parents
                 if inside and path not in outputs and os.path.exists(path):  # False if too long

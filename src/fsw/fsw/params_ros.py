@@ -38,21 +38,21 @@ def run(arguments: argparse.Namespace) -> int:
 
         def values(names: list[str]) -> list[str]:
             return [
-                _text(parameter_value_to_python(one))
-                for one in answer(client.get_parameters(names)).values
+                _text(parameter_value_to_python(value))
+                for value in answer(client.get_parameters(names)).values
             ]
 
         names = sorted(answer(client.list_parameters([], 0)).result.names)
         if arguments.verb == "list":
             descriptors = answer(client.describe_parameters(names)).descriptors
-            rows = zip(names, values(names), (one.description for one in descriptors), strict=True)
+            rows = zip(names, values(names), (row.description for row in descriptors), strict=True)
             print_table([*rows], ("parameter", "value", "meaning"))
             return 0
         require_known(names, [arguments.name])
         if arguments.verb == "set":
             [descriptor] = answer(client.describe_parameters([arguments.name])).descriptors
-            wanted = _parameter(arguments.name, Parameter.Type(descriptor.type), arguments.value)
-            [result] = answer(client.set_parameters([wanted])).results
+            change = _parameter(arguments.name, Parameter.Type(descriptor.type), arguments.value)
+            [result] = answer(client.set_parameters([change])).results
             if not result.successful:
                 reason = result.reason or "without a reason"
                 raise CommandError(f"{arguments.node} refuses {arguments.name}: {reason}")

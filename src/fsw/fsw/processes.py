@@ -71,12 +71,12 @@ class Model:
         >>> round(float(torque(78.4, 2.66)))
         1022
         """
-        found = self._equations.get(number)
-        if found is None:
+        function = self._equations.get(number)
+        if function is None:
             raise InputError(
                 f"equation {number}: there are {', '.join(map(str, self._equations))}"
             )
-        return found
+        return function
 
     @cached_property
     def _equations(self) -> dict[int, ca.Function]:
@@ -280,8 +280,8 @@ class Model:
         return made
 
 
-def _function(name: str, given: Mapping[str, ca.SX], result: str, value: ca.SX) -> ca.Function:
-    return needed("casadi").Function(name, [*given.values()], [value], [*given], [result])
+def _function(name: str, inputs: Mapping[str, ca.SX], result: str, value: ca.SX) -> ca.Function:
+    return needed("casadi").Function(name, [*inputs.values()], [value], [*inputs], [result])
 
 
 @validated
@@ -313,13 +313,13 @@ def model(
     >>> fsw.model(dead_time_s=3.4, factors={"thermal_gain_c_per_kw": 1.2})
     <Model thermal_gain_c_per_kw=21.72 dead_time_s=3.4>
     """
-    found = ModelParameters() if source is None else source
-    if not isinstance(found, ModelParameters):
-        found = ModelParameters.from_file(Path(found))
+    parameters = ModelParameters() if source is None else source
+    if not isinstance(parameters, ModelParameters):
+        parameters = ModelParameters.from_file(Path(parameters))
     if factors:
-        found = found.scaled(**{name: float(factor) for name, factor in factors.items()})
+        parameters = parameters.scaled(**{name: float(factor) for name, factor in factors.items()})
     return Model(
-        found.changed(**{name: float(value) for name, value in values.items()})
+        parameters.changed(**{name: float(value) for name, value in values.items()})
         if values
-        else found
+        else parameters
     )

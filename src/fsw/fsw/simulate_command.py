@@ -251,11 +251,11 @@ def _identity(arguments: argparse.Namespace) -> list[str]:
     if arguments.identity and not arguments.bag:
         raise CommandError("simulate: --identity needs --bag: it is noted in the bag")
     form = f"KEY=VALUE with one of {', '.join(IDENTITY)}"
-    found = assigned("simulate: --identity", arguments.identity, form)
-    for key, value in found.items():
+    parts = assigned("simulate: --identity", arguments.identity, form)
+    for key, value in parts.items():
         if key not in IDENTITY:
             raise CommandError(f"simulate: --identity {key}={value}: write {form}")
-    return [f"{key}={value}" for key, value in found.items()]
+    return [f"{key}={value}" for key, value in parts.items()]
 
 
 def run_graph(graph: WeldGraph, title: str) -> None:

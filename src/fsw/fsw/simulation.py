@@ -128,7 +128,7 @@ def closed_loop(
     if own is not None:
         return own.name, ClosedLoop(
             scenario,
-            {one: own if one == own.name else make(one) for one in scenario.controllers},
+            {name: own if name == own.name else make(name) for name in scenario.controllers},
             known,
             plant,
         )

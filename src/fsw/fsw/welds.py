@@ -132,15 +132,17 @@ class Weld:
         """
         xarray = needed("xarray")
 
-        columns = {name: values for name, values in self.table.items() if name != "time_s"}
-        found = xarray.Dataset(
-            {name: ("time_s", values) for name, values in columns.items()},
-            {"time_s": self.table["time_s"]},
+        columns = dict(self.table)
+        time_s = columns.pop("time_s")
+        units = {
+            name: {"units": unit}
+            for name in columns
+            if (unit := _UNITS.get(name.rpartition("_")[2]))
+        }
+        return xarray.Dataset(
+            {name: ("time_s", values, units.get(name)) for name, values in columns.items()},
+            {"time_s": time_s},
         )
-        for name in found.data_vars:
-            if unit := _UNITS.get(str(name).rpartition("_")[2]):
-                found[name].attrs["units"] = unit
-        return found
 
     @validated
     def to_csv(self, path: str | Path) -> None:
@@ -203,8 +205,8 @@ class Comparison(dict[str, Weld]):
         pandas = needed("pandas")
 
         flat = [
-            {key: value for key, value in one.items() if not isinstance(value, list)}
-            for one in self.kpi.values()
+            {key: value for key, value in kpi.items() if not isinstance(value, list)}
+            for kpi in self.kpi.values()
         ]
         return pandas.DataFrame(flat).set_index("label")
 
@@ -358,11 +360,11 @@ def compare(
     if not controllers:
         raise InputError(f"compare: controllers is a list of at least one, not {controllers!r}")
     if isinstance(controllers, Mapping):
-        entrants = [(label, controller) for label, controller in controllers.items()]
+        entrants = [*controllers.items()]
     else:
         entrants = [
-            (options.get("label") or (one if isinstance(one, str) else one.name), one)
-            for one in controllers
+            (options.get("label") or (entry if isinstance(entry, str) else entry.name), entry)
+            for entry in controllers
         ]
     unused = (parameters or {}).keys() - {label for label, _ in entrants}
     if unused:
@@ -370,18 +372,18 @@ def compare(
             f"compare: parameters are for {', '.join(sorted(unused))}, "
             f"but the labels are {', '.join(label for label, _ in entrants)}"
         )
-    found = Comparison()
+    welds = Comparison()
     for name, controller in entrants:
         own: dict[str, Any] = {"parameters": (parameters or {}).get(name)}
         if isinstance(controllers, Mapping):
             own["label"] = name
         weld = simulate(scenario, controller, **{**options, **own})
         label, number = weld.label, 1
-        while weld.label in found:
+        while weld.label in welds:
             number += 1
             weld.label = f"{label} ({number})"
-        found[weld.label] = weld
-    return found
+        welds[weld.label] = weld
+    return welds
 
 
 @validated

@@ -202,10 +202,10 @@ def _end_of(process: Process, graph: WeldGraph) -> dict[str, Any]:
 
 def _model(arguments: dict[str, str]) -> dict[str, str]:
     """The files of this machine's model that were given, as parameters of the monitor."""
-    given = {
+    files = {
         name: arguments[name] for name in ("model_file", "covariance_file") if arguments[name]
     }
-    return {name: str(Path(file).expanduser().absolute()) for name, file in given.items()}
+    return {name: str(Path(file).expanduser().absolute()) for name, file in files.items()}
 
 
 def _record_into(bag: Path, record: bool, parameters: dict[str, Any]) -> None:

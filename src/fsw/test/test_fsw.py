@@ -102,7 +102,7 @@ main()
 
 
 @pytest.mark.parametrize("form", ["{}", "nmpc.tuning_file={}"])
-def test_force_deletes_nothing_that_the_command_reads(tmp_path, form):
+def test_force_keeps_files_that_the_command_reads(tmp_path, form):
     (tmp_path / ".fsw_results").write_text("model.yaml\nfigure.png")
     used, figure = tmp_path / "model.yaml", tmp_path / "figure.png"
     used.touch()
@@ -116,7 +116,7 @@ def test_force_deletes_nothing_that_the_command_reads(tmp_path, form):
     assert not used.exists()
 
 
-def test_force_does_not_delete_what_was_put_into_the_folder_later(capsys, tmp_path):
+def test_force_keeps_files_added_later(capsys, tmp_path):
     again = ("simulate", "quick", "--no-figures", "--out", str(tmp_path))
     assert run(capsys, *again)[0] == 0
     (tmp_path / ".git").mkdir()
@@ -229,7 +229,7 @@ def test_wrong_arguments_tell_the_usage(capsys, arguments):
         (["bag", "info", "--jsn", "bag"], "--json"),
     ],
 )
-def test_what_may_have_been_meant_is_said(capsys, arguments, meant):
+def test_misspelt_word_gets_a_suggestion(capsys, arguments, meant):
     code, _, error = run(capsys, *arguments)
     assert code == 2 and meant in error.split("usage:")[-1].splitlines()[-1]
 
@@ -353,14 +353,14 @@ def test_no_file_is_replaced_without_force(capsys, tmp_path, arguments):
     replaces_nothing(capsys, tmp_path, arguments)
 
 
-def test_a_name_that_the_system_refuses(capsys, tmp_path):
+def test_file_name_refused_by_the_system_is_one_line(capsys, tmp_path):
     code, _, error = run(
         capsys, "bag", "kpi", str(tmp_path), "--json", str(tmp_path / ("x" * 300))
     )
     assert code == 1 and error.startswith("error: ") and error.count("\n") == 1
 
 
-def test_a_wrong_environment_is_one_line(capsys, monkeypatch):
+def test_invalid_ros_environment_is_one_line(capsys, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
     code, _, error = run(capsys, "status", "--timeout", "0.1")
     assert (
@@ -378,16 +378,16 @@ def test_list_of_scenarios(capsys):
 
 
 @pytest.mark.parametrize(
-    ("file", "said"), [("/x/weld.csv", "/x/weld.csv: "), (None, "writing failed: ")]
+    ("file", "words"), [("/x/weld.csv", "/x/weld.csv: "), (None, "writing failed: ")]
 )
-def test_a_full_disk_is_one_line_that_says_where(capsys, file, said):
+def test_full_disk_is_one_line_with_the_file(capsys, file, words):
     def fail():
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), file)
 
     assert exit_code(fail) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: ") and error.count("\n") == 1
-    assert error.endswith(f"{said}{os.strerror(errno.ENOSPC)}\n")
+    assert error.endswith(f"{words}{os.strerror(errno.ENOSPC)}\n")
 
 
 def test_standard_output_may_be_closed(monkeypatch):
@@ -395,7 +395,7 @@ def test_standard_output_may_be_closed(monkeypatch):
     assert exit_code(lambda: 0) == 0
 
 
-def test_every_command_says_what_it_does():
+def test_help_lists_the_commands():
     text = parser().format_help()
     for command in (
         "status",
@@ -457,7 +457,7 @@ assert parser().parse_args(["completion", "bash"]).shell == "bash"
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
-def test_nothing_is_left_of_a_file_that_was_being_written(sign, tmp_path):
+def test_interrupted_command_leaves_no_partial_file(sign, tmp_path):
     program = """if True:
         import sys, time
         from pathlib import Path
@@ -481,8 +481,8 @@ def test_nothing_is_left_of_a_file_that_was_being_written(sign, tmp_path):
     ) as process:
         assert process.stdout.readline() == "half\n"
         process.send_signal(sign)
-        _, said = process.communicate(timeout=600)
-    assert (process.returncode, said) == (130, "interrupted\n")
+        _, error = process.communicate(timeout=600)
+    assert (process.returncode, error) == (130, "interrupted\n")
     assert (file.read_text(), list(tmp_path.iterdir())) == ("old", [file])
 
 
@@ -490,20 +490,20 @@ def test_nothing_is_left_of_a_file_that_was_being_written(sign, tmp_path):
     ("before", "within"),
     [(signal.SIG_DFL, signal.default_int_handler), (signal.SIG_IGN, signal.SIG_IGN)],
 )
-def test_sigterm_is_as_it_was_after_a_command(before, within):
+def test_sigterm_handler_is_restored_after_a_command(before, within):
     seen = []
 
     def end():
         seen.append(signal.getsignal(signal.SIGTERM))
         return 0
 
-    found = signal.signal(signal.SIGTERM, before)  # of a node in this process, perhaps
+    handler = signal.signal(signal.SIGTERM, before)  # of a node in this process, perhaps
     try:
         assert exit_code(end) == 0
         assert seen == [within]
         assert signal.getsignal(signal.SIGTERM) is before
     finally:
-        signal.signal(signal.SIGTERM, found)
+        signal.signal(signal.SIGTERM, handler)
 
 
 @pytest.mark.parametrize(("ending", "head"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
@@ -519,7 +519,7 @@ def test_one_figure_in_a_file_of_its_format(capsys, tmp_path, weld_bag, ending, 
     assert run(capsys, "bag", "plot", str(weld_bag), "--out", str(file), *same)[0] == 0
 
 
-def test_a_picture_of_another_format_is_no_folder(capsys, tmp_path, weld_bag):
+def test_unknown_figure_format_does_not_create_a_folder(capsys, tmp_path, weld_bag):
     assert run(capsys, "bag", "plot", str(weld_bag), "--out", str(tmp_path / "x.jpg"))[0] == 1
     assert not (tmp_path / "x.jpg").exists()
 

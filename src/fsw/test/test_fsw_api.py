@@ -48,7 +48,7 @@ def test_every_public_name_has_an_example():
             assert f"{place}.{name}" in shown
 
 
-def test_import_loads_next_to_nothing():
+def test_import_loads_no_heavy_module():
     code = "import sys, fsw; print(sorted({'numpy', 'casadi', 'matplotlib', 'rclpy'} & set(sys.modules)))"
     assert (
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
@@ -121,7 +121,7 @@ def test_plant_parameters_and_changes_arrive():
         ("quick", {"plant": {"seed": b"3"}}, ["plant.seed is", "number", "mapping", "b'3'"]),
     ],
 )
-def test_wrong_arguments_are_named(scenario, options, facts):
+def test_wrong_arguments_are_refused_by_name(scenario, options, facts):
     with pytest.raises(InputError) as raised:
         fsw.simulate(scenario, **options)
     assert missing(facts, raised) == []
@@ -174,7 +174,7 @@ def test_all_wrong_arguments_are_problems_at_once():
     assert {problem.path for problem in raised.value.problems} == {"noise", "progress"}
 
 
-def test_numbers_of_numpy_are_numbers():
+def test_numpy_numbers_are_accepted():
     assert overrides_of({"seed": np.int64(3)}, None, None) == overrides_of({"seed": 3}, None, None)
     assert (
         fsw.model(dead_time_s=np.float32(1.5)).parameters == fsw.model(dead_time_s=1.5).parameters
@@ -182,7 +182,7 @@ def test_numbers_of_numpy_are_numbers():
     assert fsw.model().equation(np.int64(19))(78.4, 2.66) == fsw.model().equation(19)(78.4, 2.66)
 
 
-def test_what_python_itself_refuses_has_the_name_of_the_function():
+def test_python_type_errors_name_the_function():
     with pytest.raises(TypeError, match="read_bag"):
         fsw.read_bag()
 
@@ -252,7 +252,9 @@ def test_the_last_command_is_held_while_a_controller_proposes_none():
 def test_welds_of_equal_labels_are_kept_apart():
     both = fsw.compare("quick", [Late(), Late(), "decentral"])
     assert list(both) == ["nothing", "nothing (2)", "decentral"]
-    assert {label: one.label for label, one in both.kpi.items()} == {one: one for one in both}
+    assert {label: weld.label for label, weld in both.kpi.items()} == {
+        label: label for label in both
+    }
     with pytest.raises(KeyError, match="mean decentral"):
         both["decentrl"]
     table = str(both)
@@ -273,7 +275,7 @@ class Integrating(fsw.Controller):
         return fsw.Command(78.4 + 0.05 * sum(self.errors_mm), applied.speed_rpm)
 
 
-def test_no_weld_sees_the_memory_of_another():
+def test_controllers_of_different_welds_share_no_state():
     controller = Integrating()
     both = fsw.compare("quick", {"first": controller, "second": controller})
     assert np.array_equal(both["first"]["depth_mm"], both["second"]["depth_mm"])

@@ -30,7 +30,7 @@ def test_info_as_json(weld_bag: Path, tmp_path: Path) -> None:
     assert run("info", "--json", str(file), str(weld_bag)) == 1  # without --force
     values = json.loads(file.read_text(encoding="utf-8"))
     assert values["messages"] == 3361 and values["attachments"] == {"scenario.yaml": 19}
-    assert {one["name"]: one["count"] for one in values["topics"]}["/fsw/depth"] == 300
+    assert {topic["name"]: topic["count"] for topic in values["topics"]}["/fsw/depth"] == 300
     assert values["last_stamp_ns"] - values["first_stamp_ns"] == 299 * TICK_NS
 
 
@@ -53,7 +53,7 @@ def rows(printed: str) -> list[tuple[str, str]]:
         for line in printed.splitlines()
         if line.startswith("|")
     ]
-    return [(one[1], one[2]) for one in cells]
+    return [(cell[1], cell[2]) for cell in cells]
 
 
 def test_figures_of_each_phase_as_the_weld_went(
@@ -71,7 +71,7 @@ def test_figures_of_each_phase_as_the_weld_went(
     ):
         assert row in shown
     [result] = json.loads(file.read_text())
-    assert [one["phase"] for one in result["phases"]] == ["dwell", "start", "whole weld"]
+    assert [phase["phase"] for phase in result["phases"]] == ["dwell", "start", "whole weld"]
     assert result["phases"][0]["power_kw"] == pytest.approx(43.6)
 
 
@@ -119,7 +119,7 @@ def test_export_ends_with_the_scenario(tmp_path: Path, capsys: pytest.CaptureFix
     assert "50 rows" in captured.out and captured.err == ""
 
 
-def test_info_tells_missing_ticks(
+def test_info_reports_missing_ticks(
     weld_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with BagReader(weld_bag) as reader, BagWriter(tmp_path / "gaps") as writer:

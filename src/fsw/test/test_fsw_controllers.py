@@ -15,7 +15,7 @@ EXAMPLE = f"{SOURCES.parent}/examples/my_controller.py:DepthOnly"
 pytestmark = pytest.mark.usefixtures("forgotten")
 
 
-def test_every_command_takes_it(tmp_path, capsys):
+def test_every_command_accepts_an_own_controller(tmp_path, capsys):
     arguments = [
         "simulate",
         "quick",
@@ -45,7 +45,7 @@ def test_every_command_takes_it(tmp_path, capsys):
 @pytest.mark.parametrize(
     "step", ["raise RuntimeError('boom')", "return 3", "return Proposal(applied, healthy='?')"]
 )
-def test_one_that_never_works_has_no_figures(tmp_path, capsys, step):
+def test_controller_that_is_never_healthy_has_no_figures(tmp_path, capsys, step):
     label = own(tmp_path, step)
     assert (
         main(
@@ -65,7 +65,7 @@ def test_one_that_never_works_has_no_figures(tmp_path, capsys, step):
     assert "quick: own" in error and "600 ticks: controller raised" in error
 
 
-def test_one_that_fails_now_and_then_is_told_as_not_healthy(tmp_path, capsys):
+def test_intermittent_controller_is_reported_unhealthy(tmp_path, capsys):
     label = own(tmp_path, "return 3 if 10.0 < measurement.time_s < 11.0 else Proposal(applied)")
     assert (
         main(

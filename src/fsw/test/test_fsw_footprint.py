@@ -23,16 +23,16 @@ def weld(**changes):
 
 
 def test_every_depth_sensor_on_record_gets_its_bias():
-    found = footprint_of(weld(), AT_DEG, DEPTHS, SOURCE, 0.0)
-    biases = {one.sensor: one.bias_mm for one in found.sensors}
+    footprint = footprint_of(weld(), AT_DEG, DEPTHS, SOURCE, 0.0)
+    biases = {row.sensor: row.bias_mm for row in footprint.sensors}
     assert biases == {
         "depth": pytest.approx((0.06, 0.16), abs=1e-3),
         "depth_laser": pytest.approx((0.1, 0.2), abs=1e-3),
     }
-    assert found.depth_mm == (2.6, 2.5)
+    assert footprint.depth_mm == (2.6, 2.5)
 
 
-def test_deflection_that_the_estimator_expects_is_no_bias():
+def test_expected_deflection_is_not_part_of_the_bias():
     pushed = weld()
     pushed.optional = {"depth_axial_mm": pushed.depth_mm + 0.15}
     pushed.drives.force_kn += 5.0
@@ -42,14 +42,16 @@ def test_deflection_that_the_estimator_expects_is_no_bias():
 
 
 def test_sensor_that_failed_can_be_left_out():
-    found = footprint_of(weld(), AT_DEG, DEPTHS, SOURCE, 0.0, ("depth_laser",))
-    assert [one.sensor for one in found.sensors] == ["depth"]
+    footprint = footprint_of(weld(), AT_DEG, DEPTHS, SOURCE, 0.0, ("depth_laser",))
+    assert [row.sensor for row in footprint.sensors] == ["depth"]
 
 
-def test_a_bias_that_was_taken_off_already_is_in_the_next_footprint():
+def test_earlier_bias_is_included_in_the_next_footprint():
     """Else every second weld of a series would have none taken off."""
-    found = footprint_of(weld(footprint_bias_mm=np.full(TICKS, 0.2)), AT_DEG, DEPTHS, SOURCE, 0.0)
-    assert found.sensors[0].bias_mm == pytest.approx((0.26, 0.36), abs=1e-3)
+    footprint = footprint_of(
+        weld(footprint_bias_mm=np.full(TICKS, 0.2)), AT_DEG, DEPTHS, SOURCE, 0.0
+    )
+    assert footprint.sensors[0].bias_mm == pytest.approx((0.26, 0.36), abs=1e-3)
 
 
 def test_samples_of_a_channel_that_was_not_good_do_not_count():
@@ -62,8 +64,8 @@ def test_samples_of_a_channel_that_was_not_good_do_not_count():
 
 
 def test_angles_without_a_depth_are_left_out():
-    found = footprint_of(weld(), np.array([0.3, 9.0]), DEPTHS, SOURCE, 0.0)
-    assert found.angle_deg == (0.3,)
+    footprint = footprint_of(weld(), np.array([0.3, 9.0]), DEPTHS, SOURCE, 0.0)
+    assert footprint.angle_deg == (0.3,)
     with pytest.raises(CommandError):
         footprint_of(weld(), np.array([8.0, 9.0]), DEPTHS, SOURCE, 0.0)
 

@@ -36,9 +36,9 @@ def run(file, monkeypatch, capsys):
         monkeypatch.setattr("sys.stdin", io.StringIO(stdin))
         verb, *others = arguments
         code = main(["hmi", "user", verb, *others, "--file", str(file)])
-        said = capsys.readouterr()
-        assert PASSWORD not in said.out + said.err
-        return code, said.out, said.err
+        printed = capsys.readouterr()
+        assert PASSWORD not in printed.out + printed.err
+        return code, printed.out, printed.err
 
     return run
 
@@ -72,9 +72,7 @@ def test_users_are_added_changed_listed_and_removed(run, file):
         (["remove", "carl"], "", "no 'carl'"),
     ],
 )
-def test_what_cannot_be_done_is_told_in_a_line_and_the_file_stays(
-    run, file, arguments, stdin, text
-):
+def test_impossible_change_is_one_line_and_keeps_the_file(run, file, arguments, stdin, text):
     run("add", "anna", stdin=f"{PASSWORD}\n")
     before = file.read_bytes()
     code, out, err = run(*arguments, stdin=stdin)
@@ -83,7 +81,7 @@ def test_what_cannot_be_done_is_told_in_a_line_and_the_file_stays(
     assert file.read_bytes() == before
 
 
-def test_broken_or_open_file_is_told_and_not_touched(run, file):
+def test_broken_or_readable_file_is_refused_unchanged(run, file):
     assert "No such file" in run("list")[2]
     file.write_text("- {name: anna}\n")
     file.chmod(0o600)

@@ -55,7 +55,7 @@ def flat(values, prefix=""):
 
 
 @pytest.mark.parametrize("section", SECTIONS)
-def test_parameter_file_says_what_the_nodes_start_with(section):
+def test_parameter_file_has_the_defaults_of_the_nodes(section):
     node = section.removeprefix("/**/")
     model = FILES[node] or pytest.importorskip("fsw_quality.parameters").MonitorParameters
     values = dict(flat(SECTIONS[section]["ros__parameters"]))
@@ -141,10 +141,10 @@ def analyzers(values):
 def test_every_report_has_one_analyzer_in_any_namespace():
     """The nodes that report are those of the parameter file, except for replay, player and page."""
     content = yaml.safe_load((CONFIG / "diagnostic_analyzers.yaml").read_text(encoding="utf-8"))
-    found = dict(analyzers(content["/**"]["ros__parameters"]))
+    by_name = dict(analyzers(content["/**"]["ros__parameters"]))
     reporting = [node for node in FILES if node not in ("fsw_replay", "fsw_scenario", "fsw_hmi")]
     for namespace in ("/", "/cell1"):
         for node in reporting:
             name = f"{qualified(namespace, node)}: part"
-            assert sum(text in name for texts in found.values() for text in texts) == 1, name
-    assert sum(map(len, found.values())) == len(reporting)
+            assert sum(text in name for texts in by_name.values() for text in texts) == 1, name
+    assert sum(map(len, by_name.values())) == len(reporting)

@@ -53,7 +53,7 @@ def launched(by_procedure, lid, **more):
     return parameters
 
 
-def test_a_procedure_that_nobody_signed_is_refused_where_that_is_demanded(by_procedure, lid):
+def test_unsigned_procedure_is_refused_if_signing_is_required(by_procedure, lid):
     assert launched(by_procedure, lid) is None
     assert launched(by_procedure, lid, require_signed="false")["fsw_procedure"]["ros__parameters"][
         "use_sim_time"
@@ -62,7 +62,7 @@ def test_a_procedure_that_nobody_signed_is_refused_where_that_is_demanded(by_pro
     assert "fsw_supervisor" in launched(by_procedure, lid)
 
 
-def test_a_signature_counts_by_a_trusted_key_only(by_procedure, lid):
+def test_signature_by_an_untrusted_key_is_refused(by_procedure, lid):
     signed_with(lid, "foreign")
     assert launched(by_procedure, lid) is None
     assert launched(by_procedure, lid, require_signed="false") is None, (
@@ -74,12 +74,12 @@ def test_a_signature_counts_by_a_trusted_key_only(by_procedure, lid):
     assert launched(by_procedure, lid, trusted="", require_signed="false") is not None
 
 
-def test_a_procedure_that_was_changed_after_it_was_signed_is_refused(by_procedure, lid):
+def test_procedure_changed_after_signing_is_refused(by_procedure, lid):
     signed_with(lid, "own")
     lid.write_text(lid.read_text().replace("tolerated_s: 0.3", "tolerated_s: 3.0"))
     assert launched(by_procedure, lid, require_signed="false") is None
 
 
-def test_a_signature_cannot_be_demanded_of_no_procedure(by_procedure, lid):
+def test_requiring_a_signature_needs_a_procedure(by_procedure, lid):
     assert launched(by_procedure, lid, procedure="") is None
     assert launched(by_procedure, lid, procedure="", require_signed="false") == {}

@@ -52,14 +52,14 @@ def test_the_launch_file_starts_the_nodes_of_the_graph(launched, tmp_path, argum
     assert (parameters["fsw_plant"], parameters["fsw_scenario"]) == (plant, player)
 
 
-def test_who_is_started_again_and_whose_end_is_the_end(launched):
+def test_restarted_processes_and_those_that_end_the_launch(launched):
     for source in ("", SCENARIO):
         nodes, _ = launched(scenario=source, hmi="true")
         once = {node.executable for node in nodes if not vars(node).get("respawn")}
         assert once == ({"plant", "scenario"} if source else {"plant"})
 
 
-def test_a_machine_is_instead_of_the_plant_and_restarted(launched, tmp_path):
+def test_machine_replaces_the_plant_and_is_restarted(launched, tmp_path):
     (tmp_path / "machine.yaml").touch()
     nodes, parameters = launched(machine=str(tmp_path / "machine.yaml"))
     assert "plant" not in names_of(nodes)

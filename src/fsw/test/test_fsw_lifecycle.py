@@ -40,7 +40,7 @@ def welder(domain_id):
     context.try_shutdown()
 
 
-def test_states_are_listed_and_changed_and_a_refusal_says_why(welder, capsys):
+def test_states_are_listed_and_changed_or_refused_with_a_reason(welder, capsys):
     def fsw(*words):
         code = main(["lifecycle", *words, "--namespace", "cell", "--timeout", "60"])
         printed, error = capsys.readouterr()
@@ -70,7 +70,7 @@ def test_states_are_listed_and_changed_and_a_refusal_says_why(welder, capsys):
 
 
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
-def test_a_node_that_is_ended_is_no_failure(monkeypatch, domain_id, sent):
+def test_shutdown_of_a_node_is_a_success(monkeypatch, domain_id, sent):
     """Neither for a command, which takes both for an interruption."""
     monkeypatch.setattr(
         "fsw_plant.plant_node.main",
@@ -78,9 +78,9 @@ def test_a_node_that_is_ended_is_no_failure(monkeypatch, domain_id, sent):
     )
     monkeypatch.setattr(sys, "argv", ["fsw.py"])
     defaults = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
-    before = {one: signal.signal(one, default) for one, default in defaults.items()}
+    before = {sign: signal.signal(sign, default) for sign, default in defaults.items()}
     try:
         assert main(["node", "plant"]) == 0
     finally:
-        for one, handler in before.items():
-            signal.signal(one, handler)
+        for sign, handler in before.items():
+            signal.signal(sign, handler)

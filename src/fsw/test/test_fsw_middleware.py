@@ -31,7 +31,7 @@ sys.exit(main(sys.argv[1:]))
 @pytest.mark.parametrize(
     "words", ["status", "node recorder --help", "simulate quick --bag", "demo --live"]
 )
-def test_what_needs_ros_says_so_in_a_line(
+def test_command_without_ros_is_one_line(
     missing: tuple[str, ...], words: str, tmp_path: Path
 ) -> None:
     command = [sys.executable, "-c", WITHOUT.format(missing=missing), *words.split()]

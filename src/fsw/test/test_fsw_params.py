@@ -44,7 +44,7 @@ def test_list_get_and_set(param):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "error"),
     [
         (("get", NODE, "depth_gian"), "mean depth_gain"),
         (("set", NODE, "depth_gian", "1"), "mean depth_gain"),
@@ -56,12 +56,12 @@ def test_list_get_and_set(param):
         (("list", "a node"), "a node"),
     ],
 )
-def test_what_is_refused(param, words, said):
+def test_invalid_parameter_changes_are_refused(param, words, error):
     code, text = param(*words)
-    assert code == 1 and said in text and text.startswith("error: ") and text.count("\n") == 1
+    assert code == 1 and error in text and text.startswith("error: ") and text.count("\n") == 1
 
 
-def test_a_node_that_is_not_there(domain, monkeypatch, capsys):
+def test_missing_node_is_refused_by_name(domain, monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
     assert main(["param", "list", "fsw_nobody", "--timeout", "0.1"]) == 1
     assert "no node fsw_nobody" in capsys.readouterr().err

@@ -44,7 +44,7 @@ def together(*welds: Weld, at_a_time: int) -> None:
     run_side_by_side(graphs, at_a_time)
 
 
-def test_welds_run_at_the_same_time_in_domains_of_their_own(tmp_path: Path) -> None:
+def test_parallel_welds_use_separate_domains(tmp_path: Path) -> None:
     met = threading.Barrier(
         2, timeout=PATIENCE_S
     )  # broken, and a failure, if one runs after the other

@@ -56,12 +56,12 @@ class Cell(PlayerGraph):
 
 @pytest.fixture
 def cell():
-    one = Cell()
-    yield one
-    for command in one.commands:
+    new_cell = Cell()
+    yield new_cell
+    for command in new_cell.commands:
         command.kill()
         command.communicate()
-    one.end()
+    new_cell.end()
 
 
 @pytest.fixture
@@ -96,7 +96,7 @@ def test_a_weld_is_followed_to_its_result(cell, file):
     assert re.findall(r"short\b", lines[-4]) and " none " in lines[-1]
 
 
-def test_one_at_a_time_left_by_its_client_and_aborted(cell, file):
+def test_second_weld_is_refused_and_a_detached_one_can_be_aborted(cell, file):
     first = cell.weld("run", file)
     cell.until(lambda: cell.player.weld is not None and cell.player.weld.listening, "the weld")
     code, _, error = cell.end_of(cell.weld("run", file))
@@ -125,6 +125,6 @@ def test_a_command_that_is_terminated_says_so_in_one_line(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("verb", ["hold", "resume"])
-def test_what_needs_a_weld_says_so(capsys, verb):
+def test_command_without_a_weld_is_refused(capsys, verb):
     assert main(["weld", verb, "--timeout", "0.1"]) == 1
     assert f"fsw/weld/{verb}" in capsys.readouterr().err

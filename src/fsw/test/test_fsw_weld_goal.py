@@ -33,33 +33,34 @@ class Clock:
 @pytest.fixture
 def player(monkeypatch):
     """A player that answers after ``answers`` polls and leaves after ``leaves``."""
-    clock, wanted = Clock(), SimpleNamespace(answers=0, leaves=10**9)
-    wanted.clock = clock
+    clock, behaviour = Clock(), SimpleNamespace(answers=0, leaves=10**9)
+    behaviour.clock = clock
 
     def future(value):
-        return SimpleNamespace(done=lambda: clock.polls >= wanted.answers, result=lambda: value)
+        return SimpleNamespace(done=lambda: clock.polls >= behaviour.answers, result=lambda: value)
 
     result = SimpleNamespace(result=SimpleNamespace(verdict="done", message=""))
-    wanted.ends, wanted.aborted = (
+    behaviour.ends, behaviour.aborted = (
         True,
         0,
     )  #: whether a weld ends by itself; how often one under way was aborted
     end = SimpleNamespace(
-        done=lambda: wanted.ends or (wanted.aborted and not wanted.hangs), result=lambda: result
+        done=lambda: behaviour.ends or (behaviour.aborted and not behaviour.hangs),
+        result=lambda: result,
     )
-    wanted.hangs = False
+    behaviour.hangs = False
     handle = SimpleNamespace(get_result_async=lambda: end)
     client = SimpleNamespace(
-        server_is_ready=lambda: clock.polls < wanted.leaves,
+        server_is_ready=lambda: clock.polls < behaviour.leaves,
         send_goal_async=lambda goal, feedback_callback: future(handle),
     )
     monkeypatch.setattr(weld_ros, "ActionClient", lambda *_: client)
 
     def abort(_):
-        wanted.aborted += clock.polls >= wanted.answers
+        behaviour.aborted += clock.polls >= behaviour.answers
 
     monkeypatch.setattr(weld_ros, "abort", abort)
-    return wanted
+    return behaviour
 
 
 @pytest.mark.parametrize(("answers", "waits"), [(0, False), (POLLS - 1, False), (50, True)])
@@ -70,9 +71,7 @@ def test_a_weld_whose_goal_is_answered_late_is_followed(player, capsys, answers,
 
 
 @pytest.mark.parametrize(("terminal", "shown"), [(True, 36), (False, 5)])
-def test_feedback_is_printed_as_it_comes_on_a_terminal_else_every_ten_seconds_and_at_changes(
-    terminal, shown, capsys
-):
+def test_feedback_is_thinned_unless_printed_on_a_terminal(terminal, shown, capsys):
     lines = weld_ros.FeedbackLines(terminal)
     kpi = SimpleNamespace(depth_iae=0.0, temperature_iae=0.0)
 
@@ -92,13 +91,13 @@ def test_feedback_is_printed_as_it_comes_on_a_terminal_else_every_ten_seconds_an
     assert out[-1].split(", ")[:3] == ["running: start 0.0 deg", "0.000 m", "36.0 s left"]
 
 
-def test_a_player_that_leaves_before_it_answers_is_told(player):
+def test_player_that_leaves_before_answering_is_an_error(player):
     player.answers, player.leaves = 10**6, 20
     with pytest.raises(CommandError, match="player has left"):
         weld_ros.follow(player.clock, None)
 
 
-def test_a_weld_that_begins_after_the_guard_has_spoken_is_aborted(player):
+def test_weld_that_begins_after_the_guard_tripped_is_aborted(player):
     player.answers, player.ends = 50, False
     assert weld_ros.follow(player.clock, None, lambda: player.clock.polls > 20).verdict == "done"
     assert player.aborted == 1
@@ -113,9 +112,7 @@ def test_an_aborted_weld_that_does_not_end_in_time_has_no_result(player):
 @pytest.mark.parametrize(
     ("running", "expected"), [(False, KeyboardInterrupt), (True, RuntimeError)]
 )
-def test_whatever_ros_raises_once_it_is_shut_down_by_sigterm_is_an_interruption(
-    monkeypatch, running, expected
-):
+def test_ros_errors_after_sigterm_count_as_interruption(monkeypatch, running, expected):
     def spin_once(*_, **__):
         raise RuntimeError("the context is invalid")
 
@@ -125,7 +122,7 @@ def test_whatever_ros_raises_once_it_is_shut_down_by_sigterm_is_an_interruption(
         operator_node.Operator(None, 1.0).wait_until(lambda: False)
 
 
-def test_status_tells_why_nothing_is_measured():
+def test_status_names_the_reason_for_missing_measurements():
     def status(level, message):
         return SimpleNamespace(level=level, message=message)
 
@@ -155,6 +152,6 @@ def test_status_shows_the_newest_reports_of_its_own_weld():
     reports = [report("cell1/fsw_machine", "connecting"), report("cell2/fsw_machine", "lost")]
     reports += [report("cell1/fsw_machine", "refused"), report("cell1/fsw_supervisor", "ok")]
     latest = graph_ros.latest_reports(reports, "/cell1", {"fsw_machine"})
-    assert {name: one.message for name, one in latest.items()} == {
+    assert {name: status.message for name, status in latest.items()} == {
         "fsw_machine: connection": "refused"
     }

@@ -478,7 +478,7 @@ def test_non_finite_sum_is_not_proposed(sensor, value):
         *((78.4, 500.0 + off, off < 3.0) for off in (-1.5, 0.0, 2.9, 3.1)),
     ],
 )
-def test_one_move_beyond_the_bounds_is_still_believed(force_kn, speed_rpm, inside):
+def test_applied_command_up_to_one_move_beyond_the_bounds_is_accepted(force_kn, speed_rpm, inside):
     controller = DecentralController()
     proposal = controller.step(measured(0), REFERENCE, Command(force_kn, speed_rpm), 0.1)
     assert proposal.healthy == inside

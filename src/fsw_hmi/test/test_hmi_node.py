@@ -605,7 +605,7 @@ def test_wrong_arguments_are_told_in_a_line(domain_id, capfd, arguments, text):
     assert text in capfd.readouterr().err.strip().splitlines()[-1]
 
 
-def test_a_procedure_that_was_changed_after_it_was_signed_is_refused(tmp_path):
+def test_procedure_changed_after_signing_is_refused(tmp_path):
     pytest.importorskip(
         "securesystemslib", reason="not installed: pip install -r requirements/signing.lock"
     )

@@ -196,18 +196,18 @@ class NmpcController:
         inputs.dt_s = dt_s
         coming = reference.coming if self.settings.preview else ()
         inputs.n_changes = min(len(coming), len(inputs.change))
-        for change, one in zip(inputs.change, coming, strict=False):
+        for change, set_point in zip(inputs.change, coming, strict=False):
             change.at_s, change.depth_mm, change.temperature_c = (
-                one.at_s - m.time_s,
-                one.depth_mm,
-                one.temperature_c,
+                set_point.at_s - m.time_s,
+                set_point.depth_mm,
+                set_point.temperature_c,
             )
         self._take_heat(reference.heat, m.time_s)
         library.step()
         if self._rejoining is not None and self._rejoining.follow(library, dt_s):
             self._rejoining = None
         command = Command(outputs.force_kn, outputs.speed_rpm)
-        reason = self._reason(m) if outputs.reason else self._remark()
+        reason = self._reason(m)
         if outputs.reason in (Fault.WAITING_FOR_SENSORS, Fault.WAITING_FOR_REFERENCE):
             return Proposal(command, False, reason)
         diagnosis = Diagnosis(
@@ -264,6 +264,8 @@ class NmpcController:
 
     def _reason(self, m: Measurement) -> Reason:
         outputs, s = self.library.output, self.settings
+        if outputs.reason == Fault.PROPOSING:
+            return Reason(ReasonCode.HORIZON, detail=self._failure) if self._failure else Reason()
         if outputs.reason == Fault.WAITING_FOR_SENSORS:
             missing = tuple(name for name in m.invalid_sensors() if name != "torque")
             return (
@@ -281,10 +283,6 @@ class NmpcController:
         status = _STATUS_TEXTS[outputs.solve_status]
         again = f"following the last plan ({outputs.bad_in_a_row} of {s.plan_reuse})"
         return Reason(ReasonCode.SOLVER, detail=f"{status}; {again}")
-
-    def _remark(self) -> Reason:
-        """Note about a proposal that may be applied."""
-        return Reason(ReasonCode.HORIZON, detail=self._failure) if self._failure else Reason()
 
     def plan_deviations(self, time_s: Sequence[float]) -> tuple[list[float], list[float]]:
         """Standard deviations of depth [mm] and temperature [degC] along the last plan.

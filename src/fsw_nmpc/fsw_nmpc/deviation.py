@@ -57,18 +57,10 @@ def _matrix(values: Any) -> Vector:
 
 def _rows(controller: Any) -> Vector:
     """Measurement rows of depth and temperature by the present states, shape (2, n_states)."""
-    model, estimator = controller.model, controller.estimator
-    x, rows = estimator.x, np.zeros((2, len(State)))
-    soft = 1.0 + model.softening_per_c * x[State.TOOL]
-    pushed = estimator.acting_force_kn + x[State.FORCE] - model.operating_force_kn
-    gain = x[State.DEPTH_GAIN] * model.fast_gain
+    model, estimator = (KERNEL.ffi.addressof(controller, name) for name in ("model", "estimator"))
+    rows = np.zeros((2, len(State)))
     depth, temperature = rows
-    depth[[State.CREEP, State.SLOW]] = soft
-    depth[State.TOOL] = model.softening_per_c * (
-        model.operating_depth_mm + x[State.CREEP] + x[State.SLOW] + gain * pushed
-    )
-    depth[State.FORCE] = soft * gain
-    depth[State.DEPTH_GAIN] = soft * model.fast_gain * pushed
+    KERNEL.lib.fsw_contact_depth(estimator, model, pointer(depth))
     depth[State.DEPTH_OFFSET] = temperature[State.TOOL] = temperature[State.TEMP_OFFSET] = 1.0
     return rows
 

@@ -158,16 +158,21 @@ def _delayed_power(p: ModelParameters, length: Vector) -> tuple[Indices, Indices
     ends = np.cumsum(length)
     starts = np.concatenate([-STEP_S * np.arange(n_history, 0, -1), ends - length])
     lengths = np.concatenate([np.full(n_history, STEP_S), length])
-    found = [
+    entries_of_steps = [
         _delayed_weights(p, end - h - p.dead_time_s, h, starts, lengths)
         for end, h in zip(ends, length, strict=True)
     ]
-    counts = np.cumsum([0, *map(len, found)], dtype=np.int32)
-    segments, weights = zip(*(entry for step in found for entry in step), strict=True)
+    counts = np.cumsum([0, *map(len, entries_of_steps)], dtype=np.int32)
+    segments, weights = zip(*(entry for step in entries_of_steps for entry in step), strict=True)
     return counts, np.array(segments, dtype=np.int32), np.array(weights), n_history
 
 
 def _modes(p: ModelParameters, h: float) -> Vector:
+    """Exact transition over a step of ``h`` seconds under constant inputs, shape (10,).
+
+    The last column of the exponential of the thermal block, extended by its input, is the response
+    to a constant power (Van Loan 1978).
+    """
     poles, gains = depth_modes(p)
     decay = np.exp(poles[1] * h)
     gain = (decay - 1.0) / poles[1] * gains[1]

@@ -69,17 +69,17 @@ class Member(NamedTuple):
 def members(owner: type) -> tuple[Member, ...]:
     """Members of a class's struct: fields and properties; limits and tuning are flattened."""
     texts = descriptions(owner) if issubclass(owner, Model) else {}
-    found: list[Member] = []
+    listed: list[Member] = []
     for name, kind in get_type_hints(owner, include_extras=True).items():
         if kind in (Limits, Tuning):
-            found += [member._replace(place=f"{name}.{member.place}") for member in members(kind)]
+            listed += [member._replace(place=f"{name}.{member.place}") for member in members(kind)]
         elif name not in _OTHERS:
-            found.append(Member(name, kind, texts.get(name, ""), name))
+            listed.append(Member(name, kind, texts.get(name, ""), name))
     for name, value in vars(owner).items():
         if isinstance(value, property):
             kind = get_type_hints(value.fget, include_extras=True)["return"]
-            found.append(Member(name, kind, value.__doc__ or "", name))
-    return tuple(found)
+            listed.append(Member(name, kind, value.__doc__ or "", name))
+    return tuple(listed)
 
 
 def values(owner: Any) -> dict[str, Any]:

@@ -24,14 +24,22 @@ def test_rests_at_the_operating_point():
         assert proposal.diagnosis.solver_status == "rti: solved"
     assert loop.shown.depth_mm == pytest.approx(2.66, abs=1e-6)
     assert loop.shown.temperature_c == pytest.approx(816.4, abs=1e-4)
-    told = proposal.diagnosis.disturbances
-    assert told["copper_temperature_c"] == pytest.approx(816.4, abs=1e-3)
-    assert (told["force_kn"], told["torque_scale"], told["depth_gain"]) == pytest.approx(
-        (0.0, 1.0, 1.0), abs=1e-3
+    estimates = proposal.diagnosis.disturbances
+    assert estimates["copper_temperature_c"] == pytest.approx(816.4, abs=1e-3)
+    assert (
+        estimates["force_kn"],
+        estimates["torque_scale"],
+        estimates["depth_gain"],
+    ) == pytest.approx((0.0, 1.0, 1.0), abs=1e-3)
+    assert (
+        0.0 < estimates["depth_deviation_mm"] < 0.01
+        and 0.0 < estimates["depth_gain_deviation"] < 0.3
     )
-    assert 0.0 < told["depth_deviation_mm"] < 0.01 and 0.0 < told["depth_gain_deviation"] < 0.3
-    assert (told["attainable_depth_mm"], told["attainable_temperature_c"]) == (2.66, 816.4)
-    assert len(told) == 19
+    assert (estimates["attainable_depth_mm"], estimates["attainable_temperature_c"]) == (
+        2.66,
+        816.4,
+    )
+    assert len(estimates) == 19
 
 
 @pytest.mark.slow
@@ -57,16 +65,16 @@ def test_the_paper_to_the_letter_estimates_no_disturbance(preset, estimates):
     for _ in range(10):
         before = loop.step().diagnosis.disturbances
     for _ in range(30):
-        told = loop.step(
+        diagnosis = loop.step(
             depth_mm=loop.shown.depth_mm + 0.1, temperature_c=loop.shown.temperature_c - 5.0
         ).diagnosis
     names = ("force_kn", "power_kw", "torque_scale", "depth_mm", "temperature_c", "depth_gain")
-    moved = [abs(told.disturbances[name] - before[name]) for name in names]
+    moved = [abs(diagnosis.disturbances[name] - before[name]) for name in names]
     assert moved[-1] == 0.0
     assert all(moved[:-1]) if estimates else not any(moved)
 
 
-def test_plan_is_what_happens():
+def test_outputs_follow_the_plan():
     """Nominal process, no noise: with inputs as planned, the outputs are as planned."""
     loop = Loop()
     for _ in range(5):
@@ -128,7 +136,7 @@ def test_predicts_through_a_missing_sensor_then_gives_up():
 
 
 def test_held_values_are_no_measurements():
-    """A depth sensor hangs while the set-point moves: its held value must not tell the estimator to stand still."""
+    """A depth sensor hangs while the set-point moves: its held value must not make the estimator stand still."""
     loop, held = Loop(), None
     for k in range(40):
         if k < 10:

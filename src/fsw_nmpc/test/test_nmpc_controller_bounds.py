@@ -20,7 +20,7 @@ BOUNDED = NmpcController()
 @pytest.mark.requirement("S4")
 @pytest.mark.parametrize("value", [NAN, math.inf, -math.inf, 1e300, -1e300, 0.0])
 @pytest.mark.parametrize("sensor", ["depth_mm", "torque_nm", "temperature_c"])
-def test_absurd_samples_that_claim_to_be_valid(sensor, value):
+def test_absurd_samples_keep_the_command_within_limits(sensor, value):
     """Never an exception nor a command beyond limits; sound again at once when the sensor is."""
     loop = Loop()
     for _ in range(20):
@@ -83,7 +83,7 @@ SANE = (2.66, 1052.0, 816.4, 78.4, 407.6, 78.4, 407.6, 2.7, 818.0, 0.1, (False, 
 @settings(deadline=None)
 @example([*[SANE] * 3, (*SANE[:4], 50970.0, *SANE[5:10], (True, False, True), [])])
 @given(st.lists(anything, max_size=25))
-def test_whatever_comes_the_command_is_inside_the_bounds(ticks):
+def test_any_input_keeps_the_command_within_the_bounds(ticks):
     """Any bits in any input, for many ticks; then sane ones find it within the bounds and a move, and soon well.
 
     After drives far out of their bounds that were said to be valid, the estimator needs two
@@ -123,7 +123,7 @@ def test_whatever_comes_the_command_is_inside_the_bounds(ticks):
 
 
 @pytest.mark.requirement("S31")
-def test_an_absurd_applied_command_is_told_and_not_believed():
+def test_absurd_applied_command_is_reported_and_ignored():
     loop = Loop()
     for _ in range(5):
         loop.step()
@@ -139,7 +139,7 @@ def test_an_absurd_applied_command_is_told_and_not_believed():
 
 
 @pytest.mark.requirement("S31")
-def test_an_absurd_applied_command_leaves_as_little_behind_as_an_unknown_one():
+def test_absurd_applied_command_acts_like_an_unknown_one():
     after = []
     for strange in (Command(1e12, 407.6), Command(NAN, NAN)):
         loop = Loop()
@@ -160,7 +160,7 @@ def test_an_absurd_applied_command_leaves_as_little_behind_as_an_unknown_one():
         *((78.4, 500.0 + off, off < 3.0) for off in (-1.5, 2.9, 3.1)),
     ],
 )
-def test_one_move_beyond_the_bounds_is_still_believed(force_kn, speed_rpm, inside):
+def test_applied_command_up_to_one_move_beyond_the_bounds_is_accepted(force_kn, speed_rpm, inside):
     loop = Loop(BOUNDED)
     proposal = loop.controller.step(loop.measure(), TARGET, Command(force_kn, speed_rpm), 0.1)
     assert proposal.healthy == inside
@@ -176,7 +176,7 @@ def test_one_move_beyond_the_bounds_is_still_believed(force_kn, speed_rpm, insid
         (Command(78.4, 297.5), Reference(2.66, 866.4)),
     ],
 )
-def test_from_beyond_a_bound_the_way_back_is_one_move_a_tick(applied, reference):
+def test_return_into_the_bounds_takes_one_move_per_tick(applied, reference):
     """Or as far as the bound, however far away the set-points are."""
     loop = Loop(BOUNDED)
     for _ in range(3):
@@ -208,7 +208,7 @@ def test_an_applied_command_beyond_a_bound_counts_as_the_bound(beyond, bound):
 
 
 @pytest.mark.requirement("S31")
-def test_while_it_waits_for_sensors_its_command_is_inside_the_bounds():
+def test_command_without_sensors_is_within_the_bounds():
     loop = Loop(BOUNDED)
     for applied in (Command(97.0, 407.6), Command(1e300, -1e300), Command(59.5, 301.0)):
         blind = loop.measure(depth_mm=NAN, depth_valid=False)

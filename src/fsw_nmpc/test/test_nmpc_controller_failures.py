@@ -29,21 +29,23 @@ class Broken:
 
     def solve(self, problem, moves):
         self.starts.append(np.array(moves))
-        status, found, depth, temperature = solve(self.library, problem, moves)
+        status, solution, depth, temperature = solve(self.library, problem, moves)
         if self.how == "status":
             status = SolveStatus.ITERATION_CAP
         elif self.how == "nan":
-            found = found * np.nan
+            solution = solution * np.nan
         elif self.how in ("fast", "fast down"):
-            found = np.array(found)
-            found[0] += 2.0 if self.how == "fast" else -2.0  # the first move of the force only
+            solution = np.array(solution)
+            solution[0] += 2.0 if self.how == "fast" else -2.0  # the first move of the force only
         elif self.how in ("beyond", "beyond below"):
-            found = np.tile([0.9, 2.9], len(moves) // 2) * (1.0 if self.how == "beyond" else -1.0)
-        return status, found, depth, temperature
+            solution = np.tile([0.9, 2.9], len(moves) // 2) * (
+                1.0 if self.how == "beyond" else -1.0
+            )
+        return status, solution, depth, temperature
 
 
 @pytest.mark.parametrize("how", ["status", "nan", "fast", "fast down", "beyond", "beyond below"])
-def test_a_failed_solve_is_bridged_by_the_plan_then_told(how):
+def test_failed_solves_follow_the_plan_then_turn_unhealthy(how):
     controller = NmpcController({"plan_reuse": 4})
     broken = Broken(controller.library)
     use_solver(controller, broken)
@@ -87,7 +89,7 @@ def test_late_ticks_are_predicted_over():
 
 
 @pytest.mark.parametrize("dt_s", [0.0, -1.0, 1e9, NAN])
-def test_strange_times(dt_s):
+def test_irregular_tick_lengths_give_a_finite_command(dt_s):
     loop = Loop()
     for _ in range(5):
         loop.step()
@@ -96,7 +98,7 @@ def test_strange_times(dt_s):
     assert loop.step().healthy
 
 
-def test_diverged_estimator_starts_again():
+def test_diverged_estimator_restarts():
     loop = Loop()
     for _ in range(20):
         loop.step()
@@ -107,7 +109,7 @@ def test_diverged_estimator_starts_again():
     assert proposals[-1].diagnosis.depth_estimate_mm == pytest.approx(2.66, abs=1e-3)
 
 
-def test_waits_for_what_it_needs():
+def test_waits_for_sensors_and_reference():
     controller = NmpcController()
     applied = Command(78.4, 407.576)
     good = Measurement(0.1, 2.66, 1052.86, 816.4)
@@ -123,7 +125,7 @@ def test_waits_for_what_it_needs():
     assert controller.step(good, Reference(NAN, NAN), Command(NAN, NAN), 0.1).healthy
 
 
-def test_another_horizon_goes_on_with_the_plan(tmp_path):
+def test_new_horizon_continues_the_plan(tmp_path):
     loop = Loop()
     for _ in range(12):
         before = loop.step(Reference(2.76, 816.4))
@@ -139,11 +141,11 @@ def test_another_horizon_goes_on_with_the_plan(tmp_path):
     assert proposal.command.force_kn - last.force_kn == pytest.approx(planned, abs=0.2)
 
 
-def test_a_solver_that_cannot_be_made_is_told_and_later_changes_work(tmp_path, monkeypatch):
+def test_failed_horizon_is_reported_and_the_next_change_retries(tmp_path, monkeypatch):
     """The disk is full once: the old solver works on, the proposals say why, and the next change tries again."""
-    told = []
+    errors = []
     loop = Loop()
-    loop.controller.use_logger(SimpleNamespace(info=lambda _: None, error=told.append))
+    loop.controller.use_logger(SimpleNamespace(info=lambda _: None, error=errors.append))
     (tmp_path / "54.yaml").write_text("blocks: 54")
     make, full = controller_module._make, [True]
 
@@ -158,7 +160,7 @@ def test_a_solver_that_cannot_be_made_is_told_and_later_changes_work(tmp_path, m
     for _ in range(3):
         proposal = loop.step()
         assert proposal.healthy and os.strerror(errno.ENOSPC) in proposal.reason.detail
-    assert len(told) == 1 and loop.controller.library.horizon.n_blocks == 20
+    assert len(errors) == 1 and loop.controller.library.horizon.n_blocks == 20
     loop.controller.configure({"tuning_file": str(tmp_path / "54.yaml")})  # the same once more
     loop.controller.finish_changes()
     assert loop.controller.library.horizon.n_blocks == 54 and not loop.step().reason

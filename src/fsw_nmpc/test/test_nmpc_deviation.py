@@ -44,38 +44,38 @@ class Weld:
 
 @pytest.fixture
 def welded():
-    one = Weld()
+    weld = Weld()
     for _ in range(300):
-        one.plan = one.tick()[1]
-    return one
+        weld.plan = weld.tick()[1]
+    return weld
 
 
 def test_most_measurements_lie_within_two_deviations(welded):
-    shown, told = [], []
+    shown, predicted = [], []
     for _ in range(400):
         seen, plan = welded.tick()
         shown.append(seen)
-        told.append((np.array([plan.depth_mm, plan.temperature_c]), welded.deviations(plan)))
+        predicted.append((np.array([plan.depth_mm, plan.temperature_c]), welded.deviations(plan)))
     for ahead in (1, 5, 10):
         errors = [
             (shown[k + ahead] - value[:, ahead - 1]) / deviation[:, ahead - 1]
-            for k, (value, deviation) in enumerate(told[:-ahead])
+            for k, (value, deviation) in enumerate(predicted[:-ahead])
         ]
         ratio = np.sqrt(np.mean(np.square(errors), axis=0))
         assert (ratio > 0.6).all() and (ratio < 1.2).all(), (ahead, ratio)
         assert (np.mean(np.abs(errors) < 2.0, axis=0) > 0.93).all(), ahead
 
 
-def test_it_is_what_the_estimator_comes_to_without_sensors(welded):
-    told = welded.deviations(welded.plan)
+def test_predicted_deviations_match_the_estimator_without_sensors(welded):
+    ahead = welded.deviations(welded.plan)
     for ticks in range(1, 26):
         plan = welded.tick(depth_valid=False, torque_valid=False, temperature_valid=False)[1]
         # a sensor of which nothing is known: its own share is the noise, as before
         come_to = welded.deviations(plan)[:, 0]
-        assert told[:, ticks] == pytest.approx(come_to, rel=0.03), ticks
+        assert ahead[:, ticks] == pytest.approx(come_to, rel=0.03), ticks
 
 
-def test_it_grows_ahead_and_where_a_sensor_is_missing(welded):
+def test_deviation_grows_along_the_horizon_and_without_a_sensor(welded):
     sure = welded.deviations(welded.plan)
     assert (np.diff(sure) >= 0.0).all()
     for _ in range(20):

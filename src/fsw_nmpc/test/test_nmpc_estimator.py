@@ -37,19 +37,19 @@ class Watch:
         return np.array([out.depth_mm, out.motor_torque_nm, out.temperature_c])
 
     def run(self, ticks, offset=(0.0, 0.0, 0.0), fresh=(True, True, True), drives=False):
-        given, estimator = self.library.input, self.library.state.estimator
+        inputs, estimator = self.library.input, self.library.state.estimator
         for _ in range(ticks):
             values = self.shown() + offset
             if self.rng is not None:
                 values = values + self.rng.normal(0.0, NOISE)
-            given.depth_mm, given.torque_nm, given.temperature_c = values
-            given.depth_fresh, given.torque_fresh, given.temperature_fresh = fresh
-            given.force_kn = given.applied_force_kn = self.force
-            given.speed_rpm = given.applied_speed_rpm = self.speed
+            inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = values
+            inputs.depth_fresh, inputs.torque_fresh, inputs.temperature_fresh = fresh
+            inputs.force_kn = inputs.applied_force_kn = self.force
+            inputs.speed_rpm = inputs.applied_speed_rpm = self.speed
             if not drives:
-                given.force_kn = given.speed_rpm = NAN
-            given.reference_depth_mm = given.reference_temperature_c = NAN  # only estimate
-            given.dt_s = 0.1
+                inputs.force_kn = inputs.speed_rpm = NAN
+            inputs.reference_depth_mm = inputs.reference_temperature_c = NAN  # only estimate
+            inputs.dt_s = 0.1
             assert not begin(self.library)
             assert estimator.started
             self.innovations.append([*estimator.innovation, *estimator.expected])
@@ -62,88 +62,90 @@ class Watch:
 
 
 @pytest.mark.slow
-def test_rests_where_the_process_rests():
+def test_estimate_is_exact_at_rest():
     watch = Watch(start=(2.8, 830.0))
-    told = watch.run(300)
-    assert (told.depth_mm, told.temperature_c) == pytest.approx((2.8, 830.0), abs=1e-9)
-    assert list(told.disturbance) == pytest.approx(REST, abs=1e-9)
+    output = watch.run(300)
+    assert (output.depth_mm, output.temperature_c) == pytest.approx((2.8, 830.0), abs=1e-9)
+    assert list(output.disturbance) == pytest.approx(REST, abs=1e-9)
 
 
-def test_a_jump_of_the_depth_sensor_is_no_jump_of_the_tool():
-    told = (watch := Watch(noise=True)).run(600)
-    told = watch.run(30, offset=(0.1, 0.0, 0.0))
-    assert told.depth_mm == pytest.approx(2.76, abs=3e-3)
-    assert abs(told.disturbance[DEPTH] - 0.1) < 3.0 * told.deviation[DEPTH] < 0.03
+def test_jump_of_the_depth_sensor_becomes_its_offset():
+    output = (watch := Watch(noise=True)).run(600)
+    output = watch.run(30, offset=(0.1, 0.0, 0.0))
+    assert output.depth_mm == pytest.approx(2.76, abs=3e-3)
+    assert abs(output.disturbance[DEPTH] - 0.1) < 3.0 * output.deviation[DEPTH] < 0.03
 
 
-def test_a_jump_under_the_tool_is_no_jump_of_the_sensor():
+def test_jump_of_the_tool_leaves_the_sensor_offset():
     watch = Watch(noise=True)
     watch.run(600)
     creep, *rest = watch.state.x
     watch.state.x = (creep + 0.1, *rest)
-    told = watch.run(30)
-    assert told.depth_mm == pytest.approx(watch.shown()[0], abs=3e-3)
-    assert abs(told.disturbance[DEPTH]) < 3.0 * told.deviation[DEPTH] < 0.03
+    output = watch.run(30)
+    assert output.depth_mm == pytest.approx(watch.shown()[0], abs=3e-3)
+    assert abs(output.disturbance[DEPTH]) < 3.0 * output.deviation[DEPTH] < 0.03
 
 
-def test_a_jump_of_the_temperature_is_an_offset():
+def test_jump_of_the_temperature_becomes_its_offset():
     watch = Watch()
     watch.run(50)
-    told = watch.run(100, offset=(0.0, 0.0, -5.0))
-    assert told.temperature_c == pytest.approx(811.4, abs=0.02)
-    assert told.disturbance[TEMPERATURE] == pytest.approx(-5.0, abs=0.2)
-    assert told.disturbance[HEAT] == pytest.approx(0.0, abs=0.05)
+    output = watch.run(100, offset=(0.0, 0.0, -5.0))
+    assert output.temperature_c == pytest.approx(811.4, abs=0.02)
+    assert output.disturbance[TEMPERATURE] == pytest.approx(-5.0, abs=0.2)
+    assert output.disturbance[HEAT] == pytest.approx(0.0, abs=0.05)
 
 
-def test_a_jump_is_believed_at_once_and_a_spike_is_forgotten_as_soon():
+def test_jump_is_followed_at_once_and_a_spike_is_forgotten():
     watch = Watch()
     watch.run(50)
-    told = watch.run(1, offset=(0.3, 0.0, 20.0))
-    assert told.depth_mm == pytest.approx(2.96, abs=5e-3)
-    assert told.temperature_c == pytest.approx(836.4, abs=0.2)
-    told = watch.run(2)
-    assert told.depth_mm == pytest.approx(2.66, abs=5e-3)
-    assert told.temperature_c == pytest.approx(816.4, abs=0.2)
+    output = watch.run(1, offset=(0.3, 0.0, 20.0))
+    assert output.depth_mm == pytest.approx(2.96, abs=5e-3)
+    assert output.temperature_c == pytest.approx(836.4, abs=0.2)
+    output = watch.run(2)
+    assert output.depth_mm == pytest.approx(2.66, abs=5e-3)
+    assert output.temperature_c == pytest.approx(816.4, abs=0.2)
 
 
-def test_what_is_not_fresh_is_not_taken():
+def test_stale_samples_are_ignored():
     watch = Watch()
     watch.run(50)
     sure = watch.library.output.deviation[DEPTH]
-    told = watch.run(20, offset=(0.5, 300.0, 50.0), fresh=(False, False, False))
-    assert (told.depth_mm, told.temperature_c) == pytest.approx((2.66, 816.4), abs=1e-6)
-    assert told.deviation[DEPTH] > sure
+    output = watch.run(20, offset=(0.5, 300.0, 50.0), fresh=(False, False, False))
+    assert (output.depth_mm, output.temperature_c) == pytest.approx((2.66, 816.4), abs=1e-6)
+    assert output.deviation[DEPTH] > sure
 
 
 @pytest.mark.parametrize("factor", [0.85, 1.1])  # with 0.8 the speed at rest is beyond its bound
-def test_another_torque_is_a_scale(factor):
+def test_torque_error_becomes_the_torque_scale(factor):
     watch = Watch(P.scaled(sticking_stress_pa=factor, sliding_friction=factor))
-    told = watch.run(600)
-    assert told.disturbance[SCALE] == pytest.approx(factor, abs=1e-3)
-    assert (told.disturbance[DEPTH], told.disturbance[HEAT]) == pytest.approx((0.0, 0.0), abs=1e-2)
+    output = watch.run(600)
+    assert output.disturbance[SCALE] == pytest.approx(factor, abs=1e-3)
+    assert (output.disturbance[DEPTH], output.disturbance[HEAT]) == pytest.approx(
+        (0.0, 0.0), abs=1e-2
+    )
 
 
-def test_another_thermal_gain_is_a_heat():
+def test_thermal_gain_error_becomes_a_heat():
     watch = Watch(P.scaled(thermal_gain_c_per_kw=1.2), start=(2.66, 840.0))
-    told = watch.run(600)
-    assert told.disturbance[HEAT] == pytest.approx(
+    output = watch.run(600)
+    assert output.disturbance[HEAT] == pytest.approx(
         (840.0 - 816.4) * (1 / 18.1 - 1 / (1.2 * 18.1)), rel=0.02
     )
-    assert told.temperature_c == pytest.approx(840.0, abs=1e-3)
+    assert output.temperature_c == pytest.approx(840.0, abs=1e-3)
 
 
-def test_an_unmeasured_force_is_found_by_its_creep():
-    told = Watch(unmeasured_kn=0.5).run(3000)
-    assert told.disturbance[FORCE] == pytest.approx(
+def test_unmeasured_force_is_estimated_from_creep():
+    output = Watch(unmeasured_kn=0.5).run(3000)
+    assert output.disturbance[FORCE] == pytest.approx(
         0.5, abs=0.1
     )  # a part is taken for another gain
 
 
-def test_measured_drives_come_before_the_command():
+def test_drive_feedback_takes_precedence_over_the_command():
     watch = Watch(unmeasured_kn=0.5)
     watch.force = watch.actual_force
-    told = watch.run(600, drives=True)
-    assert told.disturbance[FORCE] == pytest.approx(0.0, abs=0.05)
+    output = watch.run(600, drives=True)
+    assert output.disturbance[FORCE] == pytest.approx(0.0, abs=0.05)
 
 
 @pytest.mark.parametrize("drift_sigmas", [0.0, 3.5])
@@ -158,17 +160,17 @@ def test_a_ramp_of_the_depth_sensor_is_followed(drift_sigmas):
 
 
 @pytest.mark.parametrize("factor", [0.75, 1.3])
-def test_moves_of_the_force_tell_the_gain_of_the_depth(factor):
+def test_force_moves_identify_the_depth_gain(factor):
     watch = Watch(P.scaled(depth_gain_mm_per_kn_s=factor), noise=True)
     watch.run(200)
-    assert watch.x[GAIN] == pytest.approx(1.0, abs=0.1), "nothing has told it yet"
+    assert watch.x[GAIN] == pytest.approx(1.0, abs=0.1), "not excited yet"
     for force_kn in (1.0, -1.0, 0.0):
         watch.force = watch.actual_force = 78.4 + force_kn
         watch.run(40)
     assert watch.x[GAIN] == pytest.approx(factor, rel=0.1)
 
 
-def test_gain_and_rates_that_may_not_change_stay():
+def test_gain_and_rates_without_a_walk_stay_constant():
     watch = Watch(P.scaled(depth_gain_mm_per_kn_s=1.3), tuning=PAPER)
     watch.force = watch.actual_force = 79.4
     watch.run(50)
@@ -222,19 +224,19 @@ def test_every_state_is_detectable(tuning):
 @pytest.mark.slow
 @pytest.mark.full
 def test_eight_hours_of_rest():
-    """Deviations settle, and what is told of the disturbances stays true."""
+    """Deviations settle, and the estimated disturbances stay true."""
     watch = Watch(noise=True)
-    told = watch.run(2 * 36_000)
-    settled = np.array(list(told.deviation))
+    output = watch.run(2 * 36_000)
+    settled = np.array(list(output.deviation))
     for _ in range(6):
-        told = watch.run(36_000)
-        off = np.abs(np.array(list(told.disturbance)) - REST)
-        assert (off < 4.0 * np.array(list(told.deviation))).all(), off
+        output = watch.run(36_000)
+        off = np.abs(np.array(list(output.disturbance)) - REST)
+        assert (off < 4.0 * np.array(list(output.deviation))).all(), off
     others = [FORCE, HEAT, SCALE, TEMPERATURE]
-    assert [told.deviation[i] for i in others] == pytest.approx(settled[others], rel=0.15)
+    assert [output.deviation[i] for i in others] == pytest.approx(settled[others], rel=0.15)
     # noise of more than four standard deviations passes for a small jump of the depth, some times
     # in an hour
-    assert told.deviation[DEPTH] < 0.01 and settled[TEMPERATURE] < 2.5
+    assert output.deviation[DEPTH] < 0.01 and settled[TEMPERATURE] < 2.5
 
 
 def test_innovations_have_the_expected_size():
@@ -250,14 +252,14 @@ def test_innovations_have_the_expected_size():
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_deviations_are_honest():
-    """Over many noisy runs from wrong starts, the errors are as large as the told deviations say."""
+def test_errors_match_the_estimated_deviations():
+    """Over many noisy runs from wrong starts, the errors are as large as the estimated deviations say."""
     ratios = []
     for seed in range(30):
         watch = Watch(noise=True, seed=seed)
-        told = watch.run(300)
-        error = np.array(list(told.disturbance)) - REST
-        ratios.append(error / np.array(list(told.deviation)))
+        output = watch.run(300)
+        error = np.array(list(output.disturbance)) - REST
+        ratios.append(error / np.array(list(output.deviation)))
     assert (np.array(ratios).std(axis=0) < 1.2).all(), np.array(ratios).std(axis=0)
 
 

@@ -217,14 +217,14 @@ def test_the_ziglang_wheel_builds_the_same_controller(monkeypatch, tmp_path):
     )
     for library in (usual, zig):
         library.configure(tuning_of(Settings(P, Tuning(), LIMITS)))
-        given = library.input
-        given.depth_mm, given.torque_nm, given.temperature_c = 2.66, 1052.86, 816.4
-        given.depth_fresh = given.torque_fresh = given.temperature_fresh = True
-        given.applied_force_kn, given.applied_speed_rpm, given.dt_s = 78.4, 407.576, 0.1
-        given.reference_depth_mm, given.reference_temperature_c = 2.8, 820.0
+        inputs = library.input
+        inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = 2.66, 1052.86, 816.4
+        inputs.depth_fresh = inputs.torque_fresh = inputs.temperature_fresh = True
+        inputs.applied_force_kn, inputs.applied_speed_rpm, inputs.dt_s = 78.4, 407.576, 0.1
+        inputs.reference_depth_mm, inputs.reference_temperature_c = 2.8, 820.0
         for _ in range(20):
             library.step()
-            given.applied_force_kn, given.applied_speed_rpm = (
+            inputs.applied_force_kn, inputs.applied_speed_rpm = (
                 library.output.force_kn,
                 library.output.speed_rpm,
             )
@@ -244,7 +244,7 @@ def test_the_ziglang_wheel_builds_the_same_controller(monkeypatch, tmp_path):
         ("block_reach", [0.0]),
     ],
 )
-def test_model_that_is_none_is_refused(field, value):
+def test_invalid_model_is_refused(field, value):
     """Missing tables and numbers that are not finite are found at the start, not in a tick."""
     library = make_library(20)
     tables = Tables(P, library.horizon)
@@ -265,7 +265,7 @@ def test_model_that_is_none_is_refused(field, value):
         ("plan_reuse", -1),
     ],
 )
-def test_tuning_that_is_none_is_refused(field, value):
+def test_invalid_tuning_is_refused(field, value):
     library = make_library(20)
     tuning = copy_of(library.state.tuning)
     setattr(tuning, field, value)
@@ -308,27 +308,27 @@ def test_bounds_without_room_between_are_refused(q):
 
 
 @pytest.mark.requirement("S4")
-def test_inputs_that_are_none_never_make_a_command():
+def test_missing_inputs_give_a_finite_command():
     """Without finite inputs the controller stays at its last ones, and time goes on in ticks."""
     library = make_library(20)
     nan = float("nan")
     library.reset(nan, float("inf"))
-    given, told = library.input, library.output
+    inputs, output = library.input, library.output
     library.lib.fsw_nmpc_input_clear(library.input)
     library.step()
-    assert not told.healthy
-    assert np.isfinite([told.force_kn, told.speed_rpm]).all()
-    given.depth_mm, given.torque_nm, given.temperature_c = 2.66, 1050.0, 816.4
-    given.depth_fresh = given.torque_fresh = given.temperature_fresh = 1
-    given.applied_force_kn, given.applied_speed_rpm = 1e300, nan
-    given.reference_depth_mm, given.reference_temperature_c = 2.7, 818.0
+    assert not output.healthy
+    assert np.isfinite([output.force_kn, output.speed_rpm]).all()
+    inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = 2.66, 1050.0, 816.4
+    inputs.depth_fresh = inputs.torque_fresh = inputs.temperature_fresh = 1
+    inputs.applied_force_kn, inputs.applied_speed_rpm = 1e300, nan
+    inputs.reference_depth_mm, inputs.reference_temperature_c = 2.7, 818.0
     library.step()
-    assert told.healthy
+    assert output.healthy
     assert (
-        LIMITS.force_min_kn <= told.force_kn <= LIMITS.force_max_kn
+        LIMITS.force_min_kn <= output.force_kn <= LIMITS.force_max_kn
     )  # one that is NaN makes both unknown
-    given.depth_fresh = given.torque_fresh = given.temperature_fresh = 0
-    given.dt_s = 0.0
+    inputs.depth_fresh = inputs.torque_fresh = inputs.temperature_fresh = 0
+    inputs.dt_s = 0.0
     for _ in range(200):
         library.step()
-    assert not told.healthy  # blind: a call without time counts as a tick
+    assert not output.healthy  # blind: a call without time counts as a tick

@@ -43,22 +43,25 @@ class Loop:
         self.temperature, self.speed, self.weight = [], [], []
 
     def tick(self, k):
-        now_s, given = k * weld.TICK_S, self.library.input
+        now_s, inputs = k * weld.TICK_S, self.library.input
         out = self.model.outputs(self.state, *self.inputs)
         shown = np.array([out.depth_mm, out.motor_torque_nm, out.temperature_c]) + self.noise[k]
-        given.depth_mm, given.torque_nm, given.temperature_c = shown
-        given.depth_fresh = given.torque_fresh = given.temperature_fresh = 1
-        given.force_kn = given.speed_rpm = nan
-        given.applied_force_kn, given.applied_speed_rpm = self.inputs
-        given.reference_depth_mm, given.reference_temperature_c = weld.DEPTH_MM, weld.TEMPERATURE_C
-        given.dt_s = weld.TICK_S
+        inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = shown
+        inputs.depth_fresh = inputs.torque_fresh = inputs.temperature_fresh = 1
+        inputs.force_kn = inputs.speed_rpm = nan
+        inputs.applied_force_kn, inputs.applied_speed_rpm = self.inputs
+        inputs.reference_depth_mm, inputs.reference_temperature_c = (
+            weld.DEPTH_MM,
+            weld.TEMPERATURE_C,
+        )
+        inputs.dt_s = weld.TICK_S
         if self.known is not None:
             times_s = now_s + np.concatenate(
                 [[-1.5 * weld.TICK_S, -0.5 * weld.TICK_S], self.middle_s]
             )
             before, last, *ahead = self.known(times_s).tolist()
-            given.known_rise_kw = last - before
-            given.known_ahead_kw[0 : len(ahead)] = [value - last for value in ahead]
+            inputs.known_rise_kw = last - before
+            inputs.known_ahead_kw[0 : len(ahead)] = [value - last for value in ahead]
         self.library.step()
         self.temperature.append(out.temperature_c)
         self.speed.append(self.inputs[1])
@@ -119,7 +122,7 @@ def test_the_controller_moves_before_a_known_step():
     assert min(known.weight) > 0.9
 
 
-def test_heat_that_does_not_come_is_ignored_within_seconds():
+def test_absent_known_heat_is_ignored_within_seconds():
     """So a second step of the same wrong knowledge moves nothing."""
 
     def twice(time_s):
@@ -131,13 +134,13 @@ def test_heat_that_does_not_come_is_ignored_within_seconds():
     assert wrong.speed == pytest.approx(once.speed, abs=0.01)  # rpm; the first one moves 19
 
 
-def test_heat_of_the_wrong_sign_is_ignored_within_seconds():
+def test_known_heat_of_wrong_sign_is_ignored_within_seconds():
     mirrored = Loop(step, lambda time_s: -step(time_s)).run()
     ignored = np.flatnonzero(np.array(mirrored.weight) == 0.0)
     assert STEP_AT_S < ignored[0] * weld.TICK_S < STEP_AT_S + 5.0
 
 
-def test_where_heat_is_known_the_start_need_not_be_at_rest():
+def test_known_heat_widens_the_start_of_the_estimator():
     """Heat that has just come is found within seconds, while the thermocouple is still late."""
     heat_kw = 6.0
 
@@ -154,15 +157,15 @@ def test_where_heat_is_known_the_start_need_not_be_at_rest():
 
 
 @pytest.mark.parametrize("value", [0.0, nan])
-def test_without_known_heat_nothing_changes(value):
+def test_zero_or_nan_known_heat_changes_nothing(value):
     """Not a bit: of zeros, as of an input that is not finite."""
 
     def absent(time_s):
         return np.full_like(time_s, value)
 
-    plain, given = Loop(step).run(), Loop(step, absent).run()
-    assert given.speed == plain.speed
-    assert given.temperature == plain.temperature
+    plain, with_heat = Loop(step).run(), Loop(step, absent).run()
+    assert with_heat.speed == plain.speed
+    assert with_heat.temperature == plain.temperature
 
 
 @pytest.mark.parametrize(
@@ -183,7 +186,7 @@ def test_only_heat_of_the_same_thermal_model_is_used(model, is_used):
     assert (SHARE_NAME in proposal.diagnosis.disturbances) == is_used
 
 
-def test_a_gate_without_evidence_is_refused():
+def test_known_heat_evidence_of_0_is_refused():
     library = make_library()
     settings = Settings(P, Tuning(), LIMITS)
     tuning = tuning_of(settings)

@@ -119,7 +119,7 @@ def test_parameters_at_runtime(peer):
     assert peer.node.controller.library.horizon.n_blocks == 54
 
 
-def test_process_starts_says_its_solver_and_ends_cleanly():
+def test_process_logs_its_solver_and_exits_cleanly():
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
     command = [sys.executable, "-m", "fsw_nmpc.nmpc_node", "--ros-args", "-p", "preset:=paper"]
     with subprocess.Popen(

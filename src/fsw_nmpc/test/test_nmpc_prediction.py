@@ -26,7 +26,7 @@ def start_from(state, force_kn, speed_rpm):
 
 
 @pytest.mark.parametrize("dead_time_s", [2.8, 2.85, 1.8, 0.9, 4.0, 10.0])
-def test_prediction_is_the_process(dead_time_s, rng):
+def test_prediction_matches_the_process(dead_time_s, rng):
     """From a moving state, with random moves at every interval: as the process model steps it, the tail included."""
     p = P.changed(dead_time_s=dead_time_s)
     model, library = ProcessModel(p), make_library(54, p)
@@ -71,13 +71,13 @@ def test_library_and_casadi_predict_the_same_with_the_same_slopes(dead_time_s, r
     library = make_library(20, p)
     h = library.horizon
     expression = prediction_function(p, h)
-    given = [
+    symbols = [
         ca.SX.sym("moves", 40),
         ca.SX.sym("start", n_start(h)),
         ca.SX.sym("history", 3 * h.n_history),
     ]
-    outputs = ca.vertcat(*expression(*given))
-    both = ca.Function("both", given, [outputs, ca.jacobian(outputs, given[0])])
+    outputs = ca.vertcat(*expression(*symbols))
+    both = ca.Function("both", symbols, [outputs, ca.jacobian(outputs, symbols[0])])
     for _ in range(5):
         start, moves = random_start(rng, h, p), random_moves(rng, h)
         depth, temperature, by_depth, by_temperature = predict(library, start, moves)

@@ -44,7 +44,7 @@ def step_until_healthy(loop, reference=WARMER, slower_ticks=0):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("slower_ticks", [0, 15])
-def test_the_power_on_its_way_is_not_taken_for_heat(slower_ticks):
+def test_delayed_power_is_not_estimated_as_heat(slower_ticks):
     """The process has none of it: what a first healthy proposal is based on is its error."""
     heat_kw = {}
     for rejoins in (False, True):
@@ -58,7 +58,7 @@ def test_the_power_on_its_way_is_not_taken_for_heat(slower_ticks):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["default", "paper", "paper:letter"])
-def test_it_proposes_no_sooner_than_after_a_dead_time_and_within_seconds(preset):
+def test_rejoining_takes_a_dead_time_and_a_few_seconds(preset):
     proposals = step_until_healthy(restarted(True, {"preset": preset}))
     assert DEAD_TICKS < len(proposals) < DEAD_TICKS + 40
     assert {proposal.reason.code for proposal in proposals[:-1]} == {ReasonCode.REJOINING}
@@ -66,7 +66,7 @@ def test_it_proposes_no_sooner_than_after_a_dead_time_and_within_seconds(preset)
 
 
 @pytest.mark.slow
-def test_time_without_sensors_does_not_count():
+def test_rejoining_waits_while_sensors_are_missing():
     loop = restarted(True)
     for _ in range(40):
         blind = loop.step(WARMER, follow=loop.applied, depth_valid=False)
@@ -75,7 +75,7 @@ def test_time_without_sensors_does_not_count():
 
 
 @pytest.mark.slow
-def test_a_reset_ends_it():
+def test_reset_ends_rejoining():
     loop = restarted(True)
     loop.step(WARMER, follow=loop.applied)
     loop.controller.reset(loop.applied)

@@ -22,7 +22,7 @@ def step(controller, reference=TARGET):
     return controller.step(Measurement(0.0, 2.66, 1052.86, 816.4), reference, REST, 0.1)
 
 
-def test_paper_is_the_paper():
+def test_paper_preset_has_the_numbers_of_the_paper():
     """(32)-(37) and the text of section IV."""
     assert (PAPER.weight_depth_per_mm, PAPER.weight_temperature_per_c) == (100.0, 1.0)
     assert (PAPER.move_force_per_kn, PAPER.move_speed_per_rpm) == (1.0, 0.01)
@@ -113,7 +113,7 @@ def test_missing_files():
         ({"preset": "paper:offset_free"}, "use paper"),
     ],
 )
-def test_wrong_values_are_refused_with_a_word(values, word):
+def test_wrong_values_are_refused_by_name(values, word):
     with pytest.raises(ValueError, match=word):
         Settings.of(values)
     assert word in NmpcController().check(values)
@@ -130,7 +130,7 @@ def test_all_numbers_have_a_range():
 @pytest.mark.parametrize(
     "knob", ["depth_aggressiveness", "temperature_aggressiveness", "calmness"]
 )
-def test_every_knob_does_something_and_one_is_neutral(knob):
+def test_knob_of_1_is_neutral_and_another_changes_the_tuning(knob):
     assert Tuning().with_knobs(**{knob: 1.0}) == Tuning()
     assert Tuning().with_knobs(**{knob: 2.0}) != Tuning()
     assert PAPER.with_knobs(**{knob: 2.0}) != PAPER
@@ -139,9 +139,9 @@ def test_every_knob_does_something_and_one_is_neutral(knob):
 @pytest.mark.slow
 @pytest.mark.full
 def test_runtime_change_of_everything_without_a_bump():
-    said = []
+    messages = []
     controller = NmpcController()
-    controller.use_logger(SimpleNamespace(info=said.append, error=None))
+    controller.use_logger(SimpleNamespace(info=messages.append, error=None))
     for _ in range(10):
         step(controller)
     for values in (
@@ -158,7 +158,7 @@ def test_runtime_change_of_everything_without_a_bump():
             assert proposal.healthy, proposal.reason
             assert abs(proposal.command.force_kn - REST.force_kn) < 0.05
             assert abs(proposal.command.speed_rpm - REST.speed_rpm) < 0.3
-    assert [text.split(", library")[0] for text in said] == [
+    assert [text.split(", library")[0] for text in messages] == [
         "solver: rti, 20 blocks", "solver: rti, 54 blocks", "solver: rti, 20 blocks",
     ]  # fmt: skip
 

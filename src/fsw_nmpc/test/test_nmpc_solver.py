@@ -42,26 +42,28 @@ def test_converged_iterations_reach_the_oracle(library):
         problem = random_problem(rng, library, P)
         status, best, depth, temperature = oracle.solve(problem, cold(library))
         assert status is SolveStatus.OK
-        found = objective(problem, library.state.tuning, library.horizon, best, depth, temperature)
+        best_cost = objective(
+            problem, library.state.tuning, library.horizon, best, depth, temperature
+        )
         moves = cold(library)
         for _ in range(12):
             _, after, _, _ = solve(library, problem, moves)
             if np.abs(after - moves).max() < 1e-9:
                 break
             moves = after
-        assert cost_of(library, problem, moves) <= found + 1e-6 * (1.0 + abs(found))
+        assert cost_of(library, problem, moves) <= best_cost + 1e-6 * (1.0 + abs(best_cost))
 
 
 def test_kkt_residuals(library, rng):
     for _ in range(40):
         problem = random_problem(rng, library, P)
         status, _, _, _ = solve(library, problem, cold(library))
-        told = library.output
-        loss = 1e-6 * (1.0 + abs(told.cost))
+        output = library.output
+        loss = 1e-6 * (1.0 + abs(output.cost))
         assert status is SolveStatus.OK
-        assert told.gap <= loss
-        assert told.primal_residual <= 1e-7
-        assert told.dual_residual <= max(1e-6, loss)
+        assert output.gap <= loss
+        assert output.primal_residual <= 1e-7
+        assert output.dual_residual <= max(1e-6, loss)
 
 
 def test_no_feasible_point_is_better(library20, rng):
@@ -124,7 +126,7 @@ def test_limits_hold_always(library20, seed):
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
 @pytest.mark.parametrize("where", ["state", "history", "band", "start", "scale", "input"])
-def test_bad_numbers_are_refused_and_leave_no_trace(library20, rng, bad, where):
+def test_bad_numbers_are_refused_and_the_next_solve_is_unaffected(library20, rng, bad, where):
     """No exception, no hang; the answer is refused, and the next good problem is solved as if nothing had been."""
     good = random_problem(rng, library20, P, Tuning())
     _, expected, _, _ = solve(library20, good, cold(library20))
@@ -149,7 +151,7 @@ def test_bad_numbers_are_refused_and_leave_no_trace(library20, rng, bad, where):
     assert again.tobytes() == expected.tobytes()
 
 
-def test_a_poisoned_start_costs_no_quality(library20, rng):
+def test_start_far_from_the_solution_reaches_the_same_cost(library20, rng):
     """Starts far from the solution, even beyond the limits, end at a solution as good after some iterations."""
     for _ in range(20):
         problem = random_problem(rng, library20, P)
@@ -176,7 +178,7 @@ def test_memory_is_one_static_struct(library):
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_the_papers_cost_is_solved_at_every_tick_of_a_noisy_weld():
+def test_paper_cost_is_solved_at_every_tick_of_a_noisy_weld():
     """Dead-bands with L1 costs at rest leave pivots many decades apart."""
     controller, model, rng = (
         NmpcController({"preset": "paper"}),

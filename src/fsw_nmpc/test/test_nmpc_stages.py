@@ -92,6 +92,8 @@ def test_fatrop_finds_the_optimum_of_ipopt():
     fatrop, ipopt = FatropSolver(library, nominal()), ReferenceSolver(library, nominal())
     for _ in range(3):
         problem = random_problem(rng, library, nominal(), PAPER)
-        answers = [one.solve(problem, np.zeros(2 * SHORT.n_blocks)) for one in (fatrop, ipopt)]
+        answers = [
+            solver.solve(problem, np.zeros(2 * SHORT.n_blocks)) for solver in (fatrop, ipopt)
+        ]
         assert [status for status, *_ in answers] == [SolveStatus.OK] * 2
         assert fatrop.cost == pytest.approx(ipopt.cost, rel=1e-3)

@@ -54,7 +54,7 @@ def trajectories(
     return h.time_s, 0.5 * (low + high), high - low
 
 
-def test_at_rest_nothing_moves(library):
+def test_trajectories_at_rest_are_constant(library):
     _, (depth, temperature), width = trajectories(library)
     assert depth == pytest.approx(2.66, abs=1e-9)
     assert temperature == pytest.approx(816.4, abs=1e-9)
@@ -108,13 +108,13 @@ def test_known_set_points_are_approached_early(library):
 @pytest.mark.parametrize(
     "changes", [[(-1.0, 2.9, 850.0)], [(3.0, NAN, NAN)], [(NAN, 2.9, 850.0)], [(1e9, 2.9, 850.0)]]
 )
-def test_changes_that_make_no_sense_change_nothing(library, changes):
+def test_invalid_set_point_changes_are_ignored(library, changes):
     _, (depth, temperature), _ = trajectories(library, changes=changes)
     assert depth == pytest.approx(2.66, abs=1e-9)
     assert temperature == pytest.approx(816.4, abs=1e-9)
 
 
-def test_a_number_of_changes_below_zero_is_none(library):
+def test_negative_number_of_changes_counts_as_0(library):
     trajectories(library, 2.76, 824.4)
     library.input.n_changes = -7
     assert begin(library)
@@ -141,7 +141,7 @@ def test_corridors_of_the_paper(library, kind, ticks, first):
         )
 
 
-def test_a_corridor_recentred_ahead_starts_where_the_temperature_will_be_after_the_dead_time(
+def test_corridor_recentred_ahead_starts_at_the_temperature_after_the_dead_time(
     library,
 ):
     """At rest that is where it is now; the depth has no dead time."""
@@ -160,7 +160,7 @@ def test_absurd_set_points_give_finite_trajectories(library, depth_mm, temperatu
     assert np.isfinite(paths).all()
 
 
-def test_a_large_temperature_step_leaves_the_depth_its_force(library):
+def test_large_temperature_step_is_limited_by_softening(library):
     """The temperature rises no faster than the fastest speed can heat at the set-point's depth, softening included."""
     time_s, (_, temperature), _ = trajectories(library, temperature_c=876.4)
     rate = np.diff(temperature) / np.diff(time_s)
@@ -235,7 +235,7 @@ def test_trajectories_end_at_attainable_set_points(library):
     assert paths[1] == pytest.approx(816.4, abs=1e-6)
 
 
-def test_an_attainable_temperature_is_approached_no_faster_than_the_bound_brings_it(library):
+def test_approach_to_an_attainable_temperature_follows_the_copper_lag(library):
     """With a shallower tool, the highest speed lets the copper cool with its lag, and no faster."""
     wide = Tuning(quality_temperature_min_c=0.0, quality_temperature_max_c=2000.0)
     time_s, (_, temperature), _ = trajectories(

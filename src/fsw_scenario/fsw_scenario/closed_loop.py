@@ -122,7 +122,7 @@ class _Programme:
 
     def _announce(self) -> None:
         planned = [
-            ((tick + self._held) * TICK_NS, one) for tick, one in stair(self._course.coming)
+            ((tick + self._held) * TICK_NS, point) for tick, point in stair(self._course.coming)
         ]
         self.plan = ReferencePlan(planned) if self._announced else None
         self._heat = (
@@ -368,7 +368,7 @@ def _status_signals(ticks: Sequence[_Tick], name: str) -> StatusSignals:
         selected=_numbers(tick.source == name for tick in ticks),
         reason=_texts(Reason.of(proposal.reason).words for proposal in proposals),
         disturbances={
-            key: _numbers(one.disturbances.get(key, nan) for one in diagnoses) for key in keys
+            key: _numbers(row.disturbances.get(key, nan) for row in diagnoses) for key in keys
         },
     )
     return status
@@ -376,13 +376,13 @@ def _status_signals(ticks: Sequence[_Tick], name: str) -> StatusSignals:
 
 def _group(kind: Any, sources: Sequence[Any], **known: Any) -> Any:
     """A group of signals from objects with attributes named like its columns, plus known ones."""
-    wanted = [one for one in fields(kind) if one.name not in known]
-    columns = zip(*map(attrgetter(*(one.name for one in wanted)), sources), strict=True)
-    for one, values in zip(wanted, columns, strict=True):
-        if one.metadata["kind"] == "number":
-            known[one.name] = _numbers(values)
+    missing = [column for column in fields(kind) if column.name not in known]
+    columns = zip(*map(attrgetter(*(column.name for column in missing)), sources), strict=True)
+    for column, values in zip(missing, columns, strict=True):
+        if column.metadata["kind"] == "number":
+            known[column.name] = _numbers(values)
         else:
-            known[one.name] = _texts(
+            known[column.name] = _texts(
                 value if isinstance(value, str) else ",".join(value) for value in values
             )
     return kind(**known)

@@ -203,12 +203,12 @@ def variants_of(labels: Iterable[str]) -> dict[str, dict[str, str]]:
     fsw_control.schema.models.InputError
         As in :func:`variant_of`, and if a controller is named twice: it is one node.
     """
-    found: dict[str, dict[str, str]] = {}
+    variants: dict[str, dict[str, str]] = {}
     for label in labels:
-        if (name := name_of(label)) in found:
+        if (name := name_of(label)) in variants:
             raise InputError(f"controller {name} is named twice; it is one node, with one tuning")
-        found[name] = variant_of(label)
-    return found
+        variants[name] = variant_of(label)
+    return variants
 
 
 def make_all(

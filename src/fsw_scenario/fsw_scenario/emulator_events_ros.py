@@ -15,7 +15,7 @@ from fsw_scenario.scenario import Scenario
 def emulator_listens(node: Node) -> bool:
     """Whether the plant in a node's namespace is the emulator."""
     name = node.resolve_service_name(SERVICES[True][1])
-    return any(found == name for found, _ in node.get_service_names_and_types())
+    return any(service == name for service, _ in node.get_service_names_and_types())
 
 
 class EmulatorEvents:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
 from typing import Any
 
 from fsw_analysis.rule_book import Limit, Variable
@@ -49,7 +48,33 @@ def node_parameters(procedure: Procedure) -> dict[str, dict[str, Any]]:
     fsw_control.schema.models.InputError
         If its limits exclude the whole range of the drives.
     """
-    return {"fsw_supervisor": _supervisor(procedure, defaults(SupervisorParameters))}
+    parameters: dict[str, Any] = {}
+    default = defaults(SupervisorParameters)
+    for names, end in ((_LOW, 0), (_HIGH, 1)):
+        for variable, name in names.items():
+            trip = _narrowest(_always(procedure, variable))[end]
+            if trip is None:
+                continue
+            key = f"interlocks.{name}"
+            points = getattr(procedure.set_points, variable, None)
+            warn = None if points is None else (points.min, points.max)[end]
+            if warn is None or warn == trip:
+                warn = trip - (default[f"{key}.trip"] - default[f"{key}.warn"])
+            parameters |= {f"{key}.warn": warn, f"{key}.trip": trip}
+    for variable, pattern in _COMMANDS.items():
+        keys = pattern.format("min"), pattern.format("max")
+        least, most = (default[key] for key in keys)
+        low, high = _narrowest(_always(procedure, variable))
+        if low is not None:
+            parameters[keys[0]] = max(low, least)
+        if high is not None:
+            parameters[keys[1]] = min(high, most)
+        if parameters.get(keys[0], least) >= parameters.get(keys[1], most):
+            raise InputError(
+                f"procedure {procedure.id}: essential limits of {variable} "
+                f"leave nothing of what the drives can do, {least:g} to {most:g}"
+            )
+    return {"fsw_supervisor": parameters}
 
 
 def graph_parameters(source: str) -> dict[str, dict[str, Any]]:
@@ -129,35 +154,3 @@ def _narrowest(limits: list[Limit]) -> tuple[float | None, float | None]:
     lows = [bound.min for bound in limits if bound.min is not None]
     highs = [bound.max for bound in limits if bound.max is not None]
     return max(lows, default=None), min(highs, default=None)
-
-
-def _supervisor(procedure: Procedure, default: Mapping[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for names, end in ((_LOW, 0), (_HIGH, 1)):
-        for variable, name in names.items():
-            trip = _narrowest(_always(procedure, variable))[end]
-            if trip is None:
-                continue
-            key = f"interlocks.{name}"
-            points = getattr(procedure.set_points, variable, None)
-            warn = None if points is None else (points.min, points.max)[end]
-            if warn is None or warn == trip:
-                warn = trip - (default[f"{key}.trip"] - default[f"{key}.warn"])
-            found |= {f"{key}.warn": warn, f"{key}.trip": trip}
-    for variable, pattern in _COMMANDS.items():
-        low, high = _narrowest(_always(procedure, variable))
-        if low is not None:
-            found[pattern.format("min")] = max(low, default[pattern.format("min")])
-        if high is not None:
-            found[pattern.format("max")] = min(high, default[pattern.format("max")])
-        bounds = [
-            found.get(key, default[key]) for key in (pattern.format("min"), pattern.format("max"))
-        ]
-        if bounds[0] >= bounds[1]:
-            ends = [default[pattern.format(end)] for end in ("min", "max")]
-            raise InputError(
-                f"procedure {procedure.id}: essential limits of {variable} "
-                "leave nothing of what the drives can do, "
-                f"{ends[0]:g} to {ends[1]:g}"
-            )
-    return found

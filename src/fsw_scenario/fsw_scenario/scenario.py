@@ -173,8 +173,8 @@ class Scenario(Model):
                 "phases",
             )
         own = [
-            Event(at_s=at_s, reference=ReferenceEntry(**one.model_dump(exclude={"at_s"})))
-            for at_s, one in set_points(phases, start_reference(self.plant))
+            Event(at_s=at_s, reference=ReferenceEntry(**set_point.model_dump(exclude={"at_s"})))
+            for at_s, set_point in set_points(phases, start_reference(self.plant))
         ]
         events = self._placed(phases)
         self._check(events, duration_s)

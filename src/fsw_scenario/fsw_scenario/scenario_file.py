@@ -54,7 +54,11 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
     """Read a scenario from YAML text; see :func:`load`."""
     content = models.content_of(text, where)
     for override in overrides:
-        _override(content, override)
+        place = f"override {override!r}"
+        key, equals, value = override.partition("=")
+        if not equals or not key:
+            raise InputError(f"{place}: give key=value, e.g. plant.noise=false")
+        put(content, key, models.content_of(value, place), place)
     if overrides:
         text = _dump(content)
     return read(content, where, text)
@@ -92,13 +96,6 @@ def read(content: dict[str, Any], where: str = "scenario", text: str | None = No
 
 def _dump(content: dict[str, Any]) -> str:
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-
-
-def _override(content: dict[str, Any], override: str) -> None:
-    key, equals, value = override.partition("=")
-    if not equals or not key:
-        raise InputError(f"override {override!r}: give key=value, e.g. plant.noise=false")
-    put(content, key, models.content_of(value, f"override {override!r}"), f"override {override!r}")
 
 
 def put(content: dict[str, Any], path: str, value: Any, where: str = "override") -> None:

@@ -143,8 +143,8 @@ class SetPoints:
             for publisher in self.publishers:
                 publisher.wait_for_all_acked(DELIVERY)
 
-    def _send(self, one: Reference, stamp_ns: int) -> None:
-        self._references.publish(convert.reference_message(one, stamp_ns, mark=self._mark))
+    def _send(self, reference: Reference, stamp_ns: int) -> None:
+        self._references.publish(convert.reference_message(reference, stamp_ns, mark=self._mark))
 
     def announce(self) -> None:
         """Publish the plan of all set-points if the scenario has one."""

@@ -22,7 +22,7 @@ from fsw_control.schema.files import write_status
 from fsw_control.topics_ros import PLAYER_READY, REPLACED, subscribe_sensors
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import WeldProgress
-from fsw_scenario.audience_ros import Audience
+from fsw_scenario.discovery_ros import Discovery
 from fsw_scenario.emulator_events_ros import EmulatorEvents
 from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.running_kpi import Deviations, RunningKpi
@@ -104,7 +104,7 @@ class WeldPlayer:
             node.create_publisher(Header, PLAYER_READY, REPLACED) if self._simulated else None
         )
         self._emulator = None if options.from_start else EmulatorEvents(node, scenario)
-        self._audience = Audience(
+        self._discovery = Discovery(
             node, self.set_points.publishers, options.wait_for_controllers, named
         )
         self._stop = SafeStop(node)
@@ -158,11 +158,11 @@ class WeldPlayer:
         if self.finished:
             return
         self._switching.look()
-        absent = "" if self._begun else self._audience.absent()
+        absent = "" if self._begun else self._discovery.absent()
         if (
             not (self._begun or absent)
-            and self._audience.is_complete()
-            and self._audience.is_alone()
+            and self._discovery.is_complete()
+            and self._discovery.is_alone()
         ):
             self._begin()
         if (
@@ -190,7 +190,7 @@ class WeldPlayer:
     def missing(self) -> str:
         """What the player waits for, in words."""
         if not self._begun:
-            return self._audience.missing()
+            return self._discovery.missing()
         topic = self.set_points.publishers[0].topic_name
         return (
             "no measurement on fsw/depth"
@@ -316,9 +316,9 @@ class WeldPlayer:
         ticks, self._judged = welded - self._judged, welded
         self.deviations.count(self.controller, self.time.tick, ticks)
         planned = self._programme is None and self.set_points.course.followed
-        wanted = self.set_points.planned() if planned else self.set_points.in_force()
+        target = self.set_points.planned() if planned else self.set_points.in_force()
         shown_c = self._shown[-1][1] if self._shown else nan
-        self.kpi.add(max(ticks, 0) * TICK_S, wanted, depth_mm, shown_c)
+        self.kpi.add(max(ticks, 0) * TICK_S, target, depth_mm, shown_c)
 
     def _feed_back(self, stamp_ns: int) -> None:
         """Report the progress of a scenario without phases when due."""

@@ -92,7 +92,7 @@ class Course:
         way = self.way_back(in_force, tick, warm)
         met = max(way.changes, default=tick)
         self.coming = deque(way.changes.items())
-        self.coming.extend((when, one) for when, one in self._programme.items() if when > met)
+        self.coming.extend((when, point) for when, point in self._programme.items() if when > met)
         self.followed = True
         return way
 

@@ -94,33 +94,33 @@ def set_points(phases: Sequence[Phase], start: Reference) -> Iterator[tuple[floa
     begin_s = 0.0
     for i, phase in enumerate(phases):
         free_s = 0.0
-        for k, one in enumerate(phase.set_points):
+        for k, point in enumerate(phase.set_points):
             at = ("phases", i, "set_points", k)
-            left_s = phase.duration_s - one.at_s
+            left_s = phase.duration_s - point.at_s
             _check(
-                one.at_s,
+                point.at_s,
                 Range(0.0, phase.duration_s, f"s, the duration of {phase.name}"),
                 *at,
                 "at_s",
             )
-            _check(one.over_s, Range(0.0, left_s, "s, the rest of the phase"), *at, "over_s")
-            if one.at_s < free_s:
+            _check(point.over_s, Range(0.0, left_s, "s, the rest of the phase"), *at, "over_s")
+            if point.at_s < free_s:
                 raise problem(
-                    f"= {one.at_s:g} is before the end of the previous set-point, {free_s:g} s",
+                    f"= {point.at_s:g} is before the end of the previous set-point, {free_s:g} s",
                     *at,
                     "at_s",
                 )
-            free_s = one.at_s + one.over_s
+            free_s = point.at_s + point.over_s
             for name, (unit, step, rate) in LIMITS.items():
-                value = getattr(one, name)
+                value = getattr(point, name)
                 if value is None:
                     continue
-                change, allowed = abs(value - present[name]), max(step, rate * one.over_s)
+                change, allowed = abs(value - present[name]), max(step, rate * point.over_s)
                 if change > allowed + 1e-9:
                     text = f"= {value:g} jumps by {change:g} {unit}, more than {allowed:g}"
                     raise problem(f"{text}; give over_s: {change / rate:g} or more", *at, name)
                 present[name] = value
-            yield begin_s + one.at_s, one
+            yield begin_s + point.at_s, point
         begin_s += phase.duration_s
 
 

@@ -41,16 +41,18 @@ def profile(model=None):
     )
 
 
-def test_heat_goes_by_the_way():
+def test_heat_follows_the_path():
     plan = HeatAhead(profile(), SCENARIO.phases).plan(100.0)
     middle_s = 0.5 * (DWELL_S + WELD_S)
     at_s = 100.0 + np.array(
         [-5.0, 0.0, DWELL_S, middle_s, 0.5 * (middle_s + WELD_S), WELD_S, 99.0]
     )
-    assert [plan.heat(one) for one in at_s] == pytest.approx([2.0, 2.0, 2.0, 2.0, 2.5, 3.0, 3.0])
+    assert [plan.heat(time_s) for time_s in at_s] == pytest.approx(
+        [2.0, 2.0, 2.0, 2.0, 2.5, 3.0, 3.0]
+    )
 
 
-def test_it_becomes_uncertain_by_the_way():
+def test_heat_becomes_uncertain_along_the_path():
     """While the tool stands, as fast as at the paper's speed, as the canister warms."""
     plan = HeatAhead(profile(), SCENARIO.phases).plan(0.0)
     expected = 0.1 * np.sqrt(2.0 * SPEED_MM_PER_S / CORRELATION_MM)
@@ -58,12 +60,12 @@ def test_it_becomes_uncertain_by_the_way():
     assert plan.deviation(1.0, 2.0) == pytest.approx(expected, rel=1e-6)
 
 
-def test_without_phases_there_is_no_way():
+def test_scenario_without_phases_has_no_path():
     with pytest.raises(InputError, match="phases"):
         ClosedLoop(load("quick"), {"nmpc": NmpcController()}, profile())
 
 
-def test_the_controller_knows_it_in_the_closed_loop():
+def test_closed_loop_passes_the_heat_to_the_controller():
     """With the model of the profile; with another model it is other heat, which is not used."""
     plain, known, other = (
         ClosedLoop(SCENARIO, {"nmpc": NmpcController()}, heat).run()

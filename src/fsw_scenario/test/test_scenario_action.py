@@ -53,7 +53,7 @@ class Caller(PlayerGraph):
         text = content if isinstance(content, str) else json.dumps(content)
         goal = RunWeld.Goal(scenario=text, overrides=list(overrides))
         future = self.client.send_goal_async(
-            goal, feedback_callback=lambda one: self.feedback.append(one.feedback)
+            goal, feedback_callback=lambda message: self.feedback.append(message.feedback)
         )
         self.until(future.done, "the answer to the goal")
         return future.result()
@@ -84,12 +84,12 @@ class Caller(PlayerGraph):
 
 @pytest.fixture
 def caller():
-    one = Caller()
-    yield one
-    one.end()
+    graph = Caller()
+    yield graph
+    graph.end()
 
 
-def test_goals_are_played_one_after_the_other_and_leave_nothing(caller):
+def test_consecutive_goals_do_not_affect_each_other(caller):
     pair = KeyValue(key="bag", value="out/weld_7")
     caller.reports.publish(
         DiagnosticArray(status=[DiagnosticStatus(name="fsw_recorder: recording", values=[pair])])
@@ -118,7 +118,11 @@ def test_goals_are_played_one_after_the_other_and_leave_nothing(caller):
             lambda: caller.peer.count_publishers("fsw/reference") == 1, "its publishers' end"
         )
         caller.until(
-            lambda: not any(one.get_subscription_count() for one in caller.sensors.values()),
+            lambda: (
+                not any(
+                    publisher.get_subscription_count() for publisher in caller.sensors.values()
+                )
+            ),
             "its subscriptions' end",
         )
     assert caller.feedback[-1].progress.state == "done"
@@ -153,7 +157,9 @@ def test_wrong_goals_are_rejected_with_the_reason(caller, content, code, names):
 
 def test_disturbances_need_the_emulated_plant(domain_id):
     caller = Caller()
-    [service] = [one for one in caller.peer.services if one.srv_name.endswith("set_disturbance")]
+    [service] = [
+        service for service in caller.peer.services if service.srv_name.endswith("set_disturbance")
+    ]
     caller.peer.destroy_service(service)
     caller.until(
         lambda: (
@@ -205,9 +211,7 @@ def test_a_safe_stop_by_the_supervisor_aborts_the_goal(caller, content):
 @pytest.mark.parametrize(
     "change", [{"controller": "unknown"}, {"events": [{"at_s": 1.0, "switch": "unknown"}]}]
 )
-def test_a_weld_whose_controller_is_not_there_fails_before_its_first_tick(
-    caller, change, monkeypatch
-):
+def test_weld_without_its_controller_fails_before_the_first_tick(caller, change, monkeypatch):
     monkeypatch.setattr("fsw_scenario.weld_player_ros._CONTROLLER_S", 0.2)
     here = caller.peer.create_publisher(WeldCommand, "fsw/decentral/proposal", STREAM)
     caller.until(lambda: caller.player.count_publishers(here.topic_name), "the other controller")
@@ -225,9 +229,7 @@ def test_a_weld_whose_controller_is_not_there_fails_before_its_first_tick(
     assert not requests and not caller.follows and not caller.feedback
 
 
-def test_a_weld_begins_once_its_controller_has_joined_and_tells_who_was_in_control(
-    caller, monkeypatch
-):
+def test_weld_begins_once_its_controller_joins(caller, monkeypatch):
     monkeypatch.setattr("fsw_scenario.weld_player_ros._CONTROLLER_S", PATIENCE_S)
     sent = caller.send(SHORT, ["controller=unknown"])
     caller.until(lambda: caller.weld is not None and "'unknown'" in caller.weld.missing())
@@ -247,7 +249,7 @@ def test_a_weld_begins_once_its_controller_has_joined_and_tells_who_was_in_contr
     assert isnan(answer.result.by_hand_from)
 
 
-def test_set_points_by_hand_stay_in_force_in_a_scenario_and_are_told(caller):
+def test_manual_set_points_stay_in_force_and_are_reported(caller):
     handle = caller.begin(SHORT)
     for _ in range(5):
         caller.tick()
@@ -271,7 +273,7 @@ def test_set_points_by_hand_stay_in_force_in_a_scenario_and_are_told(caller):
     assert caller.feedback[-1].progress.left
 
 
-def test_the_weld_goes_on_without_its_client(caller):
+def test_weld_continues_without_its_client(caller):
     caller.begin(LONG)
     caller.tick()
     caller.client.destroy()

@@ -35,7 +35,7 @@ def test_a_controller_of_an_installed_package_is_known(tmp_path, monkeypatch):
     sys.modules.pop("theirs", None)
 
 
-def test_one_named_by_its_class_is_known_by_its_name(tmp_path):
+def test_controller_given_by_class_is_known_by_name_afterwards(tmp_path):
     label = own(tmp_path)
     assert (name_of(label), short(label), name_of("own")) == ("own", "own", "own")
     assert program("own") == ("controller", (label,))
@@ -43,7 +43,7 @@ def test_one_named_by_its_class_is_known_by_its_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("label", "said"),
+    ("label", "error"),
     [
         ("nobody", "available: decentral, nmpc"),
         ("", "no name"),
@@ -57,9 +57,9 @@ def test_one_named_by_its_class_is_known_by_its_name(tmp_path):
         ("decentral:wrong", "wrong"),
     ],
 )
-def test_what_is_not_there_is_told(tmp_path, label, said):
+def test_unavailable_controller_is_refused_with_the_reason(tmp_path, label, error):
     own(tmp_path)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=error):
         make(label.format(tmp_path))
 
 
@@ -85,7 +85,7 @@ def test_a_parameter_that_contradicts_the_variant_is_refused():
         make("decentral:tight", {"tuning": "smith"})
 
 
-def test_a_class_that_is_no_controller_is_told(tmp_path):
+def test_class_without_the_interface_is_refused(tmp_path):
     (tmp_path / "other.py").write_text(
         "class Other:\n    name = 'other'\n    def step(self): ...\n"
     )
@@ -93,7 +93,7 @@ def test_a_class_that_is_no_controller_is_told(tmp_path):
         make(f"{tmp_path}/other.py:Other")
 
 
-def test_a_diagnosis_that_cannot_be_read_ends_no_weld(tmp_path):
+def test_unreadable_diagnosis_is_a_problem_of_a_complete_weld(tmp_path):
     label = own(
         tmp_path, "return Proposal(applied, diagnosis=Diagnosis(depth_estimate_mm='deep'))"
     )
@@ -108,6 +108,6 @@ def test_a_diagnosis_that_cannot_be_read_ends_no_weld(tmp_path):
 
 
 @pytest.mark.parametrize(("words", "code"), [([], 2), (["--help"], 0), (["-h"], 0)])
-def test_without_a_controller_the_node_says_what_to_give(words, code, capsys):
+def test_node_without_a_controller_names_its_argument(words, code, capsys):
     assert controller_node.main(["run_controller.py", *words]) == code
     assert "FILE.py:CLASS" in capsys.readouterr().out

@@ -36,7 +36,7 @@ def _scenario(events, controller="decentral", duration=10.0):
     )
 
 
-def test_step_holds_from_the_first_tick_that_is_not_before_it():
+def test_step_takes_effect_at_the_first_tick_after_its_time():
     scenario = _scenario(
         "[{at_s: 2.0, reference: {depth_mm: 2.8}}, {at_s: 3.05, reference: {temperature_c: 860}}]"
     )
@@ -47,7 +47,7 @@ def test_step_holds_from_the_first_tick_that_is_not_before_it():
     }
 
 
-def test_ramp_is_linear_begins_at_its_event_and_ends_exactly():
+def test_ramp_is_linear_from_its_event_to_its_goal():
     scenario = _scenario("[{at_s: 1.0, reference: {depth_mm: 2.96, over_s: 3.0}}]")
     changes = timeline.references(scenario, START)
     assert set(changes) == {0, *range(11, 41)}
@@ -55,7 +55,7 @@ def test_ramp_is_linear_begins_at_its_event_and_ends_exactly():
     assert changes[40] == Reference(2.96, 850.0)
 
 
-def test_ramp_cut_short_goes_on_from_where_it_was():
+def test_interrupted_ramp_continues_from_the_present_value():
     scenario = _scenario(
         "[{at_s: 1.0, reference: {depth_mm: 2.96, over_s: 3.0}}, {at_s: 2.5, reference: {temperature_c: 851}}]"
     )
@@ -89,7 +89,7 @@ def test_commands_and_switches():
 
 
 @given(st.integers(0, 100_000))
-def test_whole_ticks_are_their_own(tick):
+def test_time_rounds_up_to_the_next_tick(tick):
     assert tick_of(tick * 0.1) == tick
     assert tick_of(tick * 0.1 + 0.01) == tick + 1
 
@@ -155,7 +155,7 @@ def test_bad_scenario_is_one_clear_error(text, part):
 
 
 @given(st.text(max_size=80))
-def test_any_text_is_a_scenario_or_a_scenario_error(text):
+def test_any_text_gives_a_scenario_or_an_input_error(text):
     with pytest.raises(InputError):
         scenario_file.parse(text)
 
@@ -174,7 +174,7 @@ def test_bad_override_is_an_error(override):
         scenario_file.load("quick", [override])
 
 
-def test_missing_file_names_what_there_is(tmp_path):
+def test_missing_scenario_lists_the_shipped_ones(tmp_path):
     with pytest.raises(InputError, match="reference_tracking"):
         scenario_file.load(tmp_path / "nothing.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
@@ -182,7 +182,7 @@ def test_missing_file_names_what_there_is(tmp_path):
         scenario_file.load(tmp_path / "binary.yaml")
 
 
-def test_the_documentation_is_right():
+def test_documented_scenarios_are_valid():
     """The examples of docs/how-to/scenarios.md, the second less what excludes each other, are valid scenarios."""
     text = (Path(__file__).resolve().parents[3] / "docs" / "how-to" / "scenarios.md").read_text()
     first, example = (block.split("```")[0] for block in re.split(r"```yaml.*\n", text)[1:3])

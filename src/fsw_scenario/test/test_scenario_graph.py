@@ -17,14 +17,14 @@ SECTION = "{ros__parameters: {deadline_s: 0.07}}"
     "key", ["fsw_supervisor", "/fsw_supervisor", "/**/fsw_supervisor", "/cell_1/fsw_supervisor"]
 )
 @pytest.mark.parametrize("quote", ["", '"', "'"])
-def test_what_a_file_says_to_the_supervisor_it_says_to_the_standby(key, quote):
+def test_supervisor_parameters_apply_to_the_standby(key, quote):
     text = for_standby(
         f"# of fsw_supervisor: all\n{quote}{key}{quote}: {SECTION}\n/**: {SECTION}\n"
     )
     assert list(yaml.safe_load(text)) == [key.replace("fsw_supervisor", STANDBY), "/**"]
 
 
-def test_sections_by_namespace_are_found_and_others_left_alone():
+def test_supervisor_sections_of_any_namespace_are_renamed():
     text = f"cell_1:\n  fsw_supervisor: {SECTION}\n  fsw_plant: {SECTION}\n"
     text += f"{STANDBY}: {SECTION}\nmy_fsw_supervisor: {SECTION}\n"
     values = yaml.safe_load(for_standby(text))
@@ -33,7 +33,7 @@ def test_sections_by_namespace_are_found_and_others_left_alone():
 
 
 @pytest.mark.parametrize("standby", [False, True])
-def test_the_first_tick_waits_for_the_standby_which_is_configured_as_the_supervisor_is(standby):
+def test_first_tick_waits_for_a_standby_with_the_supervisors_parameters(standby):
     graph = WeldGraph(
         parse("{name: short, duration_s: 5.0}"),
         Path("weld"),
@@ -49,14 +49,15 @@ def test_the_first_tick_waits_for_the_standby_which_is_configured_as_the_supervi
         assert nodes[STANDBY] == nodes["fsw_supervisor"] | {"standby": True}
 
 
-def test_further_parameters_are_added_to_those_of_the_nodes_and_the_plant_does_not_wait_for_companions(
+def test_further_parameters_are_merged_and_companions_not_waited_for(
     tmp_path,
 ):
     scenario = parse("{name: short, duration_s: 5.0}")
     further = {"fsw_recorder": {"attach": ["limits.yaml"]}, "fsw_watch": {"process": "canister"}}
     graph = WeldGraph(scenario, tmp_path, companions=["watch"], derived=further)
     nodes, usual = (
-        one.parameter_file(tmp_path / "s.yaml") for one in (graph, WeldGraph(scenario, tmp_path))
+        weld_graph.parameter_file(tmp_path / "s.yaml")
+        for weld_graph in (graph, WeldGraph(scenario, tmp_path))
     )
     assert nodes.pop("fsw_watch")["ros__parameters"] == {
         "process": "canister",
@@ -89,7 +90,7 @@ class EndedWeld:
         return {name: self.codes.get(name, 0) for name in names or self.children}
 
 
-def test_however_a_process_ends_after_the_weld_is_a_note(tmp_path, capsys):
+def test_exit_of_a_process_after_the_weld_is_a_note(tmp_path, capsys):
     graph = WeldGraph(parse("{name: short, duration_s: 5.0}"), tmp_path)
     assert graph.run(EndedWeld(recorder=-9, supervisor=1, scenario=-14)) == 1.5
     notes = capsys.readouterr().err.splitlines()

@@ -55,7 +55,7 @@ def problems(value: Any, schema: dict[str, Any]) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("name", scenario_file.shipped())
-def test_shipped_scenarios_fit(name):
+def test_shipped_scenarios_match_the_json_schema(name):
     assert list(problems(yaml.safe_load(scenario_file.text_of(name)), SCHEMA)) == []
 
 
@@ -71,5 +71,5 @@ def test_shipped_scenarios_fit(name):
         ("{name: a b}", "'a b' is none"),
     ],
 )
-def test_what_is_wrong_is_seen(text, words):
+def test_json_schema_rejects_invalid_scenarios(text, words):
     assert words in "; ".join(problems(yaml.safe_load(text), SCHEMA))

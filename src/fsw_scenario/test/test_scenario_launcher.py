@@ -88,7 +88,7 @@ def test_arguments_environment_and_exit_code(modules, tmp_path):
             launcher.check()
 
 
-def test_what_a_process_tells_is_of_its_present_life(modules, tmp_path):
+def test_status_is_that_of_the_present_run(modules, tmp_path):
     modules(
         "child_w",
         """
@@ -112,7 +112,7 @@ def test_what_a_process_tells_is_of_its_present_life(modules, tmp_path):
         assert (again.status(), again.last_lines()) == ({}, "it printed nothing")
 
 
-def test_waiting_for_text_and_for_too_long(modules, tmp_path, patient):
+def test_wait_ends_at_its_condition_or_times_out(modules, tmp_path, patient):
     modules("child_b", STUBBORN.format(term="signal.SIG_DFL"))
     with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
         child = launcher.start("b", "child_b")
@@ -126,7 +126,7 @@ def test_waiting_for_text_and_for_too_long(modules, tmp_path, patient):
     assert child.process.returncode == -signal.SIGTERM
 
 
-def test_whoever_ignores_everything_is_killed(modules, tmp_path, patient):
+def test_process_that_ignores_signals_is_killed(modules, tmp_path, patient):
     modules("child_c", STUBBORN.format(term="ignore"))
     with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
         child = launcher.start("c", "child_c")
@@ -170,7 +170,7 @@ class Kept:
 
 
 @pytest.mark.requirement("S34")
-def test_what_is_killed_is_told_and_started_again_and_the_others_go_on(modules, tmp_path):
+def test_killed_process_is_reported_and_restarted(modules, tmp_path):
     modules("child_f", STUBBORN.format(term="signal.SIG_DFL"))
     with Launcher(tmp_path, 77, patience_s=0.2) as launcher:
         first, other = [launcher.start(name, "child_f") for name in ("f", "g")]
@@ -190,7 +190,7 @@ def test_what_is_killed_is_told_and_started_again_and_the_others_go_on(modules, 
         assert launcher.children["f"] is again
 
 
-def test_what_ends_at_once_again_and_again_is_given_up(modules, tmp_path):
+def test_repeated_early_ends_stop_the_restarts(modules, tmp_path):
     modules("child_h", "def main():\n    return 1\n")
     with Launcher(tmp_path, 77) as launcher:
         launcher.start("h", "child_h")
@@ -201,7 +201,7 @@ def test_what_ends_at_once_again_and_again_is_given_up(modules, tmp_path):
         assert len(kept.told) == 6
 
 
-def test_what_ends_now_and_then_is_always_started_again(modules, tmp_path):
+def test_late_ends_are_always_restarted(modules, tmp_path):
     modules("child_i", f"def main():\n    return {REFUSED}\n")
     with Launcher(tmp_path, 77) as launcher:
         launcher.start("i", "child_i").process.wait()
@@ -252,7 +252,7 @@ def test_no_orphans_when_the_parent_is_killed(modules, tmp_path):
     assert has_ended(child), "the child has ended"
 
 
-def test_every_user_of_the_machine_gets_a_domain_of_its_own():
+def test_free_domains_are_distinct_and_not_reused():
     with free_domain() as first, free_domain() as second:
         assert first != second
     with free_domain() as again:

@@ -95,7 +95,7 @@ def test_a_failing_controller_is_replaced_and_without_another_the_command_is_hel
     assert np.ptp(held.force_kn) == 0.0
 
 
-def test_a_controller_that_recovers_is_not_taken_back_by_itself():
+def test_recovered_controller_stays_on_standby():
     signals = run("quick", {"decentral": Failing(100, 105), "backup": make("decentral")})
     assert set(signals.command_source[100:]) == {"backup"}
     assert set(signals.actual_controller[100:]) == {"backup"}
@@ -135,7 +135,7 @@ def test_missing_controller_is_a_clear_error():
         make("decentral:wild")
 
 
-def test_progress_goes_from_nothing_to_all():
+def test_progress_rises_from_0_to_1():
     shares = []
     ClosedLoop(scenario_file.load("quick"), {"decentral": make("decentral")}).run(shares.append)
     assert shares == sorted(shares)
@@ -165,7 +165,7 @@ def test_announced_set_points_are_prepared_for():
 
 
 @pytest.mark.slow
-def test_announcement_that_is_withdrawn_or_unused_is_no_bump():
+def test_withdrawn_or_ignored_announcement_causes_no_bump():
     """A plan appears, is changed and taken back while the weld rests; the moves stay those of an approach."""
     controller, limits = make("nmpc"), Limits()
     applied = Command(78.4, 407.576)

@@ -30,7 +30,7 @@ events:
 
 
 @pytest.mark.full
-def test_it_proposes_what_its_scenario_commands(tmp_path):
+def test_open_loop_node_proposes_the_scenarios_commands(tmp_path):
     scenario = tmp_path / "steps.yaml"
     scenario.write_text(SCENARIO)
     rclpy.init(args=[])
@@ -76,7 +76,7 @@ def test_it_proposes_what_its_scenario_commands(tmp_path):
                 f"tick {stamp}",
             )
         node.send_signal(signal.SIGINT)
-        _, said = node.communicate(timeout=PATIENCE_S)
+        _, log = node.communicate(timeout=PATIENCE_S)
     finally:
         node.kill()
         peer.destroy_node()
@@ -84,10 +84,10 @@ def test_it_proposes_what_its_scenario_commands(tmp_path):
     forces = [convert.command(proposal).force_kn for proposal in heard if proposal.healthy]
     assert forces == sorted(forces)
     assert sorted(set(forces)) == pytest.approx([weld.FORCE_KN, weld.FORCE_KN + 0.4])
-    assert node.returncode == 0 and "Traceback" not in said
+    assert node.returncode == 0 and "Traceback" not in log
 
 
 def test_a_scenario_that_is_missing_ends_the_start_with_one_line(capfd):
     assert open_loop_node.main(["open_loop", "--ros-args", "-p", "scenario:=nothing_there"]) == 2
-    told = "".join(capfd.readouterr())
-    assert "scenario nothing_there" in told and told.count("\n") == 1
+    printed = "".join(capfd.readouterr())
+    assert "scenario nothing_there" in printed and printed.count("\n") == 1

@@ -22,7 +22,7 @@ from fsw_model.heat_profile import HeatProfile, HeatSource, ThermalModel
 from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import HeatPlan, SupervisorState
 from fsw_msgs.srv import SetMode, SwitchController
-from fsw_scenario.audience_ros import Audience
+from fsw_scenario.discovery_ros import Discovery
 from fsw_scenario.launcher import ABORTED
 from fsw_scenario.running_kpi import HeldFor
 from fsw_scenario.scenario_node import ALONE_S, ScenarioNode
@@ -49,9 +49,9 @@ WELD = {
 def graph(tmp_path):
     path = tmp_path / "weld.yaml"
     path.write_text(yaml.safe_dump(WELD))
-    one = PlayerGraph(str(path))
-    yield one
-    one.end()
+    player_graph = PlayerGraph(str(path))
+    yield player_graph
+    player_graph.end()
 
 
 def heat_profile():
@@ -154,9 +154,7 @@ def test_a_scenario_without_phases_refuses_to_be_held(verb):
     assert refused.code == "no_phases" and not refused.ok
 
 
-def test_a_weld_of_longer_than_a_minute_ends_as_it_did_however_late_its_result_arrives(
-    graph, monkeypatch
-):
+def test_late_result_of_a_long_weld_keeps_its_verdict(graph, monkeypatch):
     graph.tick()
     player = graph.player
     player._began_s -= 3600.0
@@ -170,7 +168,7 @@ def test_a_weld_of_longer_than_a_minute_ends_as_it_did_however_late_its_result_a
 
 
 @pytest.mark.parametrize("first", ["", "hold"])
-def test_aborted_programme_asks_for_the_safe_stop_until_it_has_one(graph, first, capsys):
+def test_aborted_programme_repeats_its_request_for_a_safe_stop(graph, first, capsys):
     graph.tick()
     if first:
         assert graph.ask(first).ok
@@ -244,13 +242,13 @@ def test_set_points_by_hand_in_the_running_programme_stay_until_a_resume(graph):
     graph.until(lambda: graph.tick().temperature_c == 818.4)
 
 
-def test_in_lockstep_nothing_is_measured_before_the_set_points_have_arrived(tmp_path, monkeypatch):
+def test_lockstep_measures_after_the_set_points_have_arrived(tmp_path, monkeypatch):
     path = tmp_path / "scenario.yaml"
     path.write_text(yaml.safe_dump({"name": "steps", "duration_s": 5.0, "announced": True}))
     answers = []
 
     def have_arrived(set_points):
-        assert all(one.wait_for_all_acked() for one in set_points.publishers)
+        assert all(publisher.wait_for_all_acked() for publisher in set_points.publishers)
         answers.append(len(answers) == 3)
         return answers[-1]
 
@@ -293,7 +291,7 @@ def switching(tmp_path, monkeypatch):
     path = tmp_path / "scenario.yaml"
     events = [{"at_s": 0.3, "switch": "decentral"}]
     path.write_text(yaml.safe_dump({"name": "swap", "duration_s": 5.0, "events": events}))
-    monkeypatch.setattr(Audience, "absent", lambda _: "")
+    monkeypatch.setattr(Discovery, "absent", lambda _: "")
     monkeypatch.setattr(player_graph, "START_NS", 0)
     monkeypatch.setattr(f"{__name__}.START_NS", 0)
     monkeypatch.setattr("fsw_scenario.switching_ros._DELIVERY_S", PATIENCE_S)
@@ -332,7 +330,7 @@ def test_in_lockstep_the_plant_steps_without_a_supervisor_after_a_time(switching
 
 
 @pytest.mark.parametrize("unmatched", ["/fsw/reference", "/fsw/reference_plan"])
-def test_audience_is_complete_when_set_points_and_plan_reach_all_that_listen(unmatched):
+def test_discovery_is_complete_when_all_subscribers_are_matched(unmatched):
     matched = {"/fsw/reference": 2, "/fsw/reference_plan": 1}
     node = create_autospec(Node, instance=True)
     node.count_subscribers.side_effect = dict(matched).get
@@ -340,15 +338,15 @@ def test_audience_is_complete_when_set_points_and_plan_reach_all_that_listen(unm
     for publisher, topic in zip(publishers, matched, strict=True):
         publisher.topic_name = topic
         publisher.get_subscription_count.side_effect = lambda topic=topic: matched[topic]
-    audience = Audience(node, publishers, wanted=0)
-    assert audience.is_complete()
+    discovery = Discovery(node, publishers, wanted=0)
+    assert discovery.is_complete()
     matched[unmatched] -= 1
-    assert not audience.is_complete()
+    assert not discovery.is_complete()
 
 
 @pytest.mark.parametrize("seen_after_s", [0.0, 0.2, 0.45])
 @pytest.mark.parametrize("later_s", [0.0, 0.01, 0.3, 0.6, 2.0])
-def test_of_two_players_at_most_one_begins(seen_after_s, later_s):
+def test_at_most_one_of_two_players_begins(seen_after_s, later_s):
     """However they start, if they see each other within the time for which a player has to be alone."""
     players = [(0.0, HeldFor(ALONE_S)), (later_s, HeldFor(ALONE_S))]
     begun = set()
@@ -361,7 +359,7 @@ def test_of_two_players_at_most_one_begins(seen_after_s, later_s):
     assert len(begun) == 1 or seen_s < ALONE_S + 0.05
 
 
-def test_a_player_does_not_take_a_goal_that_another_one_would_get_too(monkeypatch):
+def test_player_refuses_a_goal_while_another_player_is_present(monkeypatch):
     monkeypatch.setattr(ScenarioNode, "_is_alone", lambda _: False)
     rclpy.init(args=[])
     try:
@@ -374,7 +372,7 @@ def test_a_player_does_not_take_a_goal_that_another_one_would_get_too(monkeypatc
         rclpy.try_shutdown()
 
 
-def test_second_player_says_that_it_waits_for_the_first_one(monkeypatch, capfd):
+def test_second_player_reports_that_it_waits(monkeypatch, capfd):
     monkeypatch.setattr(ScenarioNode, "_is_alone", lambda _: False)
     rclpy.init(args=[])
     try:

@@ -57,7 +57,7 @@ def written(folder: Path, values: dict[str, Any]) -> Path:
         ("format", "other", ("format", "literal_error"), ""),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(
+def test_impossible_procedure_is_refused_in_one_line(
     tmp_path: Path, path: str, value: object, problem: tuple[str, str], fact: str
 ) -> None:
     values = content()
@@ -73,14 +73,16 @@ def test_what_cannot_be_is_refused_in_one_line(
     assert fact in text and "procedure.yaml" in text and "\n" not in text
 
 
-def test_the_hash_is_of_what_is_said_not_of_how(tmp_path: Path) -> None:
-    one, values = procedure.load("copper_lid"), content()
-    assert procedure.load(written(tmp_path, dict(reversed(values.items())))).sha256 == one.sha256
+def test_hash_depends_on_content_not_on_order(tmp_path: Path) -> None:
+    shipped, values = procedure.load("copper_lid"), content()
+    assert (
+        procedure.load(written(tmp_path, dict(reversed(values.items())))).sha256 == shipped.sha256
+    )
     values["essential"][0]["max"] += 1e-9
-    assert procedure.load(written(tmp_path, values)).sha256 != one.sha256
+    assert procedure.load(written(tmp_path, values)).sha256 != shipped.sha256
 
 
-def test_dates_may_be_written_without_quotes(tmp_path: Path) -> None:
+def test_date_without_quotes_is_accepted(tmp_path: Path) -> None:
     values = content()
     values["date"] = date.fromisoformat(values["date"])
     assert (
@@ -100,9 +102,9 @@ def test_differences_name_what_changed() -> None:
     assert procedure.differences(old, old) == []
 
 
-def test_figures_of_the_shipped_procedure_are_those_of_their_sources() -> None:
-    found = procedure.load("copper_lid")
-    limits = {one.variable: one for _, one in found.limits()}
+def test_limits_of_the_shipped_procedure_match_the_defaults() -> None:
+    shipped = procedure.load("copper_lid")
+    limits = {limit.variable: limit for _, limit in shipped.limits()}
     interlocks = defaults(SupervisorParameters)
     temperature = limits["temperature_c"]
     assert (temperature.min, temperature.max) == (
@@ -118,7 +120,7 @@ def test_figures_of_the_shipped_procedure_are_those_of_their_sources() -> None:
     )
     assert limits["force_kn"].min == weld.FORCE_MIN_KN
     assert limits["depth_error_mm"].max == weld.QUALITY_DEPTH_MM
-    points = found.set_points
+    points = shipped.set_points
     assert (points.depth_mm.value, points.temperature_c.value) == (
         weld.DEPTH_MM,
         weld.TEMPERATURE_C,
@@ -126,5 +128,5 @@ def test_figures_of_the_shipped_procedure_are_those_of_their_sources() -> None:
     assert points.depth_mm.max == interlocks["interlocks.depth_high.warn"]
     assert points.temperature_c.min == interlocks["interlocks.temperature_low.warn"]
     assert points.temperature_c.max == interlocks["interlocks.temperature_high.warn"]
-    assert found.acceptance.tolerated_s == interlocks["validity.hold"]
-    assert found.acceptance.tolerated_s == pytest.approx(interlocks["interlocks.persistence_s"])
+    assert shipped.acceptance.tolerated_s == interlocks["validity.hold"]
+    assert shipped.acceptance.tolerated_s == pytest.approx(interlocks["interlocks.persistence_s"])

@@ -45,16 +45,18 @@ class Cell(Spinner):
         self.controller.create_subscription(
             DiagnosticArray, "/diagnostics", self._on_diagnostics, STREAM
         )
-        for one in (self.node, self.controller):
-            self.executor.add_node(one)
+        for each_node in (self.node, self.controller):
+            self.executor.add_node(each_node)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        line = next(one for one in message.status if one.name == "fsw_procedure: deviations")
+        line = next(
+            status for status in message.status if status.name == "fsw_procedure: deviations"
+        )
         self.values = {pair.key: pair.value for pair in line.values}
 
     def close(self) -> None:
-        for one in (self.node, self.controller):
-            one.destroy_node()
+        for each_node in (self.node, self.controller):
+            each_node.destroy_node()
         rclpy.shutdown(context=self.context)
 
     def told(self, **values: str) -> None:
@@ -62,7 +64,7 @@ class Cell(Spinner):
         self.until(lambda: values.items() <= self.values.items(), str(values))
 
 
-def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
+def test_deviations_are_published(domain_id: int, tmp_path: Path) -> None:
     controllers = [{"name": "decentral", "parameters_sha256": "0" * 64}, {"name": "nmpc"}]
     file = tmp_path / "procedure.yaml"
     values = short_procedure(controllers=controllers).model_dump(mode="json", exclude_none=True)
@@ -94,7 +96,7 @@ def test_deviations_are_told(domain_id: int, tmp_path: Path) -> None:
         cell.close()
 
 
-def test_a_procedure_that_cannot_be_used_is_one_line(
+def test_unusable_procedure_is_one_line(
     domain_id: int, tmp_path: Path, capsys: pytest.CaptureFixture[Any]
 ) -> None:
     (tmp_path / "bad.yaml").write_text("format: fsw_weld_procedure\n")

@@ -32,19 +32,19 @@ def with_limits(*limits: dict[str, Any], **more: Any) -> Procedure:
 
 def test_the_shipped_procedure_changes_no_default() -> None:
     """So the reference weld has its limits from one place, and nothing else is new."""
-    found = node_parameters(SHIPPED)
-    assert found == {
-        "fsw_supervisor": {name: SUPERVISOR[name] for name in found["fsw_supervisor"]}
+    parameters = node_parameters(SHIPPED)
+    assert parameters == {
+        "fsw_supervisor": {name: SUPERVISOR[name] for name in parameters["fsw_supervisor"]}
     }
-    assert len(found["fsw_supervisor"]) == 7 * 2 + 4
+    assert len(parameters["fsw_supervisor"]) == 7 * 2 + 4
 
 
 def test_limits_follow_the_procedure() -> None:
     asked = with_limits(
         essential("temperature_c", min=795.0, max=905.0), essential("torque_nm", max=1500.0)
     )
-    found = node_parameters(asked)
-    supervisor = found["fsw_supervisor"]
+    parameters = node_parameters(asked)
+    supervisor = parameters["fsw_supervisor"]
     assert (
         supervisor["interlocks.temperature_low.trip"] == 795.0
         and supervisor["interlocks.torque_high.trip"] == 1500.0
@@ -60,33 +60,35 @@ def test_a_weld_by_a_procedure_has_its_limits_and_runs_the_hooks(
 ) -> None:
     hooks = {"judge": lambda bag, file: ["judge", bag, "a file", file]} if hooked else {}
     monkeypatch.setattr(procedure_limits, "all_loaded", {"fsw.record_hooks": hooks}.__getitem__)
-    found = graph_parameters("copper_lid")
-    assert found["fsw_supervisor"]["interlocks.depth_high.trip"] == 3.7
-    assert found["fsw_recorder"]["attach"] == [found["fsw_procedure"]["procedure"]]
-    assert found["fsw_hmi"] == found["fsw_procedure"], "it has its limits from the file itself"
-    file = found["fsw_procedure"]["procedure"]
-    commands = found["fsw_recorder"].get(
+    parameters = graph_parameters("copper_lid")
+    assert parameters["fsw_supervisor"]["interlocks.depth_high.trip"] == 3.7
+    assert parameters["fsw_recorder"]["attach"] == [parameters["fsw_procedure"]["procedure"]]
+    assert parameters["fsw_hmi"] == parameters["fsw_procedure"], (
+        "it has its limits from the file itself"
+    )
+    file = parameters["fsw_procedure"]["procedure"]
+    commands = parameters["fsw_recorder"].get(
         "on_finished", []
     )  # an empty list would have no type in ROS
     assert [shlex.split(command) for command in commands] == (
         [["judge", "{bag}", "a file", file]] if hooked else []
     )
-    assert ("on_finished" in found["fsw_recorder"]) is hooked
+    assert ("on_finished" in parameters["fsw_recorder"]) is hooked
 
 
 def test_commands_are_narrowed_never_widened() -> None:
     asked = with_limits(
         essential("force_kn", min=70.0, max=150.0), essential("speed_rpm", min=100.0, max=450.0)
     )
-    found = node_parameters(asked)["fsw_supervisor"]
+    parameters = node_parameters(asked)["fsw_supervisor"]
     default = SUPERVISOR
     assert (
-        found["limits.force_min_kn"] == 70.0
-        and found["limits.force_max_kn"] == default["limits.force_max_kn"]
+        parameters["limits.force_min_kn"] == 70.0
+        and parameters["limits.force_max_kn"] == default["limits.force_max_kn"]
     )
     assert (
-        found["limits.speed_min_rpm"] == default["limits.speed_min_rpm"]
-        and found["limits.speed_max_rpm"] == 450.0
+        parameters["limits.speed_min_rpm"] == default["limits.speed_min_rpm"]
+        and parameters["limits.speed_max_rpm"] == 450.0
     )
 
 
@@ -98,7 +100,7 @@ def test_limits_outside_of_the_drives_are_refused(variable: str, limits: dict[st
         node_parameters(with_limits(essential(variable, **limits)))
 
 
-def test_a_limit_of_some_phases_is_none_for_all() -> None:
+def test_limit_of_some_phases_sets_no_parameter() -> None:
     asked = with_limits(essential("torque_nm", max=1500.0, phases=["joint_line"]))
     assert node_parameters(asked)["fsw_supervisor"] == {}
 
@@ -110,15 +112,15 @@ def figures(fact: Fact) -> list[float]:
 
 @pytest.fixture
 def watch() -> ProcedureWatch:
-    found = ProcedureWatch(short_procedure())
-    found.set_points(2.66, 816.4)
-    found.state("decentral", "hold", Cause.READY)
-    found.state("decentral", "auto", Cause.READY)
-    assert found.deviations == {}
-    return found
+    procedure_watch = ProcedureWatch(short_procedure())
+    procedure_watch.set_points(2.66, 816.4)
+    procedure_watch.state("decentral", "hold", Cause.READY)
+    procedure_watch.state("decentral", "auto", Cause.READY)
+    assert procedure_watch.deviations == {}
+    return procedure_watch
 
 
-def test_set_points_outside_are_told_until_they_are_back(watch: ProcedureWatch) -> None:
+def test_set_points_outside_deviate_until_they_return(watch: ProcedureWatch) -> None:
     watch.set_points(3.45, 905.0)
     assert set(watch.deviations) == {"set_point_depth_mm", "set_point_temperature_c"}
     assert figures(watch.deviations["set_point_depth_mm"]) == [3.45, 1.7, 3.4]
@@ -134,12 +136,14 @@ def test_all_deviations_are_one_fact_with_the_name_of_each(watch: ProcedureWatch
     temperature = watch.fact
     assert temperature.code is Deviation.LEAVES
     assert temperature.data["names"] == ("mode", "set_point_temperature_c")
-    assert temperature.words == "; ".join(one.words for one in watch.deviations.values())
+    assert temperature.words == "; ".join(
+        deviation.words for deviation in watch.deviations.values()
+    )
     watch.set_points(3.45, 850.0)
     assert watch.fact.data["names"] == ("mode", "set_point_depth_mm")
 
 
-def test_a_foreign_controller_and_another_mode_are_told(watch: ProcedureWatch) -> None:
+def test_foreign_controller_and_other_mode_deviate(watch: ProcedureWatch) -> None:
     watch.state("mine", "auto", Cause.SWAP_REQUESTED)
     assert list(watch.deviations) == ["controller"]
     foreign = {"controller": "mine", "permitted": ("decentral", "nmpc")}
@@ -152,7 +156,7 @@ def test_a_foreign_controller_and_another_mode_are_told(watch: ProcedureWatch) -
 
 
 @pytest.mark.parametrize(
-    ("allowed", "cause", "told"),
+    ("allowed", "cause", "is_deviation"),
     [
         (True, Cause.SWAP_REQUESTED, False),
         (True, Cause.SWAP_FAILED, True),
@@ -160,17 +164,19 @@ def test_a_foreign_controller_and_another_mode_are_told(watch: ProcedureWatch) -
         (False, Cause.SWAP_REQUESTED, True),
     ],
 )
-def test_swaps(allowed: bool, cause: Cause, told: bool) -> None:
+def test_unpermitted_swap_deviates_until_the_end(
+    allowed: bool, cause: Cause, is_deviation: bool
+) -> None:
     acceptance = {"tolerated_s": 0.3, "swaps_allowed": allowed, "source": "test"}
     watch = ProcedureWatch(short_procedure(acceptance=acceptance))
     watch.state("decentral", "auto", Cause.READY)
     watch.state("nmpc", "auto", cause)
-    assert ("swap" in watch.deviations) is told
+    assert ("swap" in watch.deviations) is is_deviation
     watch.state("decentral", "auto", Cause.SWAP_REQUESTED)
-    assert ("swap" in watch.deviations) is told  # not undone
+    assert ("swap" in watch.deviations) is is_deviation  # not undone
 
 
-def test_another_tuning_is_told() -> None:
+def test_other_tuning_deviates() -> None:
     good = {"gain": 2.0, "use_sim_time": False}
     controllers = [
         {"name": "decentral", "parameters_sha256": tuning_sha256(good)},

@@ -120,7 +120,7 @@ def test_a_ramp_is_announced_as_a_stair_about_it_and_steps_as_they_are():
     plan = stair([*steps[:2], *ramp, steps[2]])
     assert [tick for tick, _ in plan] == [10, 11, *range(100, 201, 10), 300]
     assert (plan[:2], plan[-2:]) == (steps[:2], [ramp[-1], steps[2]])
-    assert [one.temperature_c for _, one in plan[2:-2]] == pytest.approx(
+    assert [reference.temperature_c for _, reference in plan[2:-2]] == pytest.approx(
         [800.5 + i for i in range(10)]
     )
     assert stair([]) == []
@@ -143,7 +143,7 @@ def test_an_event_at_an_angle_has_the_time_at_which_the_tool_first_passes():
             parse(WELD, events=[edge | wrong])
 
 
-def test_what_contradicts_the_phases_is_an_error():
+def test_duration_or_events_against_the_phases_are_refused():
     with pytest.raises(InputError, match=r"duration_s = 99, .* 30\.6 s"):
         parse(WELD, duration_s=99.0)
     with pytest.raises(InputError, match="give set_points"):
@@ -159,7 +159,7 @@ actions = st.lists(events, max_size=200)
 
 
 @given(durations, actions)
-def test_phases_come_in_order_and_nothing_moves_unless_it_runs(durations, actions):
+def test_phases_follow_in_order_and_only_while_running(durations, actions):
     angles = itertools.pairwise(itertools.accumulate(durations, initial=0.0))
     phases = [
         Phase.model_construct(
@@ -231,7 +231,7 @@ def follow(machine, ticks, temperature_c):
     return [machine.follow(number, temperature_c) for number in range(first, first + ticks)]
 
 
-def test_a_phase_ends_when_its_temperature_has_been_there_for_a_second():
+def test_phase_ends_after_a_second_at_its_temperature():
     scenario = parse(WAITS, **HEATED)
     machine = PhaseMachine(scenario.phases)
     assert not any(follow(machine, 10, 809.9))
@@ -245,7 +245,7 @@ def test_a_phase_ends_when_its_temperature_has_been_there_for_a_second():
 
 
 @pytest.mark.parametrize("shown_c", [700.0, float("nan")])
-def test_a_phase_whose_temperature_never_comes_ends_at_its_limit(shown_c):
+def test_phase_without_its_temperature_ends_at_its_time_limit(shown_c):
     machine = PhaseMachine(parse(WAITS, **HEATED).phases)
     assert not any(follow(machine, 60, shown_c))
     assert (machine.tick, machine.held) == (60, 0)
@@ -270,7 +270,7 @@ def test_a_held_weld_does_not_jump():
         (WELD, {"path": [{"at_s": 0.0, "arc_mm": 3.0}]}, "path is not"),
     ],
 )
-def test_a_wait_or_a_path_that_cannot_be_is_one_line(phases, others, words):
+def test_impossible_wait_or_path_is_refused_in_one_line(phases, others, words):
     with pytest.raises(InputError, match=words):
         parse(phases, **others)
 

@@ -39,8 +39,8 @@ class Weld:
 
     def send_ahead(self):
         while self.course.coming and self.course.coming[0][0] <= self.machine.tick + 50:
-            tick, one = self.course.coming.popleft()
-            self.queue.add((tick + self.machine.held) * TICK_NS, one)
+            tick, reference = self.course.coming.popleft()
+            self.queue.add((tick + self.machine.held) * TICK_NS, reference)
 
     def restart(self, present):
         self.queue.add(0, present)
@@ -65,8 +65,8 @@ class Weld:
         start = self.in_force
         self.queue.add(0, start if ramped else goal)
         if ramped and start != goal:
-            for stamp_ns, one in ramp(start, goal, (self.number + 5) * TICK_NS):
-                self.queue.add(stamp_ns, one)
+            for stamp_ns, reference in ramp(start, goal, (self.number + 5) * TICK_NS):
+                self.queue.add(stamp_ns, reference)
         self.course.leave()
 
     def tick(self):
@@ -92,7 +92,7 @@ def moved_too_fast(before, after):
 
 
 @pytest.mark.requirement("S29")
-def test_a_resume_after_a_ramp_by_hand_goes_back_and_the_next_hold_steps_nothing():
+def test_resume_after_a_manual_ramp_returns_and_the_next_hold_does_not_step():
     """In the end phase: ramp to 2.60 mm, 805 degC, resume before it is over; then hold again."""
     weld = Weld()
     for _ in range(350):
@@ -120,14 +120,16 @@ def test_after_a_dwell_that_ended_early_only_the_depth_returns_by_a_ramp():
     way = Course(PROGRAMME).resume(cut, 650, warm=True)
     first, last = min(way.changes), max(way.changes)
     assert first <= 656 and last - first > 1  # both move; the depth more than one step
-    assert {one.temperature_c for one in way.changes.values()} == {836.4}
-    moved = np.abs(np.diff([cut.depth_mm, *(one.depth_mm for one in way.changes.values())]))
+    assert {reference.temperature_c for reference in way.changes.values()} == {836.4}
+    moved = np.abs(
+        np.diff([cut.depth_mm, *(reference.depth_mm for reference in way.changes.values())])
+    )
     assert moved.max() <= 0.1 * WELD_RATE_DEPTH_MM_PER_S + 1e-9
     assert way.changes[last] == way.goal == Course(PROGRAMME).programme_at(last)
 
 
 @pytest.mark.requirement("S29")
-def test_what_the_programme_does_meanwhile_is_not_lost():
+def test_resume_without_manual_set_points_follows_the_programme():
     weld = Weld()
     for _ in range(90):
         weld.tick()

@@ -192,6 +192,8 @@ class Arbiter:
             not state.source,
             state.unanswered >= LOST_COMMANDS,
         )
+        # The end remembers leader and command as long as it lives: if it knows less than before,
+        # it was restarted. After a stop nothing has to be compared with its drives.
         knows = bool(state.leader), bool(state.source)
         self._end_restarted |= knows < self._knew and not state.stop.stopped
         self._knew = knows
@@ -219,6 +221,8 @@ class Arbiter:
             self.ticks.now_s,
         )
         tick = self.ticks.present
+        # The standby decides the same ticks but sends nothing: one that the leader has answered is
+        # closed, so that a takeover does not command twice for one measurement.
         if tick is not None and stamp_ns == tick.stamp_ns:
             tick.answered = True
         elif tick is not None:

@@ -119,6 +119,8 @@ class Arbitration:
 
     def decide(self, tick: Tick, now_s: float, final: bool) -> None:
         """Decide a tick if possible; ``final``: with the inputs at hand, as after the deadline."""
+        # Called at each arrival and by the clock until the tick is settled: a branch settles it,
+        # or leaves it to a later call, so that the order of messages does not matter.
         self._now_s = now_s
         final = final or now_s >= tick.deadline_s
         if not final and not self._inputs_complete(tick):

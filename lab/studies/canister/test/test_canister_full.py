@@ -66,13 +66,13 @@ def test_implicit_steps_of_all_finite_elements_come_near_the_exact_ones(
     """Two ways to solve the same equations; what differs is of second order in the step."""
     largest = []
     for step_s in (0.25, 0.125):
-        full, found = FullCanister(SMALL, step_s), []
+        full, rises_c = FullCanister(SMALL, step_s), []
         state = full.initial(axial_mm=30.0)
         for k in range(160):
             for _ in range(round(0.25 / step_s)):
                 state = full.step(state, *inputs(0.25 * k))
-            found.append(full.stir_zone_temperature_c(state))
-        largest.append(np.abs(np.array(found) - exact_c[:160])[4:].max())
+            rises_c.append(full.stir_zone_temperature_c(state))
+        largest.append(np.abs(np.array(rises_c) - exact_c[:160])[4:].max())
     assert largest[0] < 0.5
     assert largest[1] < 0.45 * largest[0]
 
@@ -80,16 +80,16 @@ def test_implicit_steps_of_all_finite_elements_come_near_the_exact_ones(
 @pytest.mark.full
 def test_reduced_thermocouples_follow_all_finite_elements() -> None:
     full, reduced = FullCanister(SMALL, 0.25), ReducedCanister(SMALL, project(SMALL))
-    one, other = full.initial(axial_mm=30.0), reduced.initial(axial_mm=30.0)
+    exact, small = full.initial(axial_mm=30.0), reduced.initial(axial_mm=30.0)
     places = ([100.0, 90.0, 80.0, 5.0], [0.2, 1.0, 3.0, 0.0], [-50.0, 20.0, 50.0, 25.0])
     for k in range(400):
-        one, other = (
-            full.step(one, *inputs(0.25 * k)),
-            reduced.step(other, *inputs(0.25 * k), 0.25),
+        exact, small = (
+            full.step(exact, *inputs(0.25 * k)),
+            reduced.step(small, *inputs(0.25 * k), 0.25),
         )
         if k % 8 == 7:
-            assert reduced.temperature_c(other, *places) == pytest.approx(
-                full.temperature_c(one, *places), abs=1.0
+            assert reduced.temperature_c(small, *places) == pytest.approx(
+                full.temperature_c(exact, *places), abs=1.0
             )
 
 
@@ -107,14 +107,14 @@ def test_energy_is_kept_without_losses() -> None:
 
 @pytest.mark.full
 def test_time_steps_converge_in_second_order() -> None:
-    found = {}
+    by_step = {}
     for step_s in (4.0, 2.0, 1.0, 0.125):
         full = FullCanister(SMALL, step_s)
         state = full.initial()
         for _ in range(round(16.0 / step_s)):
             state = full.step(state, 5.0, 1.43, 0.0)
-        found[step_s] = full.stir_zone_temperature_c(state)
-    errors = [abs(found[step_s] - found[0.125]) for step_s in (4.0, 2.0, 1.0)]
+        by_step[step_s] = full.stir_zone_temperature_c(state)
+    errors = [abs(by_step[step_s] - by_step[0.125]) for step_s in (4.0, 2.0, 1.0)]
     assert np.log2(errors[0] / errors[1]) > 1.8
     assert np.log2(errors[1] / errors[2]) > 1.8
 

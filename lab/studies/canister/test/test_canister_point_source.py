@@ -91,9 +91,9 @@ def rosenthal_k(place: tuple[float, float, float], speed: float) -> float:
     for deep in np.array([-0.77459667, 0.0, 0.77459667]) * DEPTH_M:
         weight = 8.0 / 18.0 if deep == 0.0 else 5.0 / 18.0
         for below in images(depth - deep, 2.0 * WALL_M):
-            for one in over:
+            for mode in over:
                 x = ahead - x_disc
-                distance = np.sqrt(x**2 + (one - y_disc) ** 2 + below**2)
+                distance = np.sqrt(x**2 + (mode - y_disc) ** 2 + below**2)
                 total += weight * float((share * np.exp(-rate * (distance + x)) / distance).sum())
     return 1e3 / (2.0 * pi * K) * total
 
@@ -126,6 +126,6 @@ def test_a_fast_point_source_reaches_the_steady_field_of_rosenthal() -> None:
     full = FullCanister(BODY, 0.03)  # what is long ago does not need short steps
     for _ in range(100):
         state = full.step(state, 1.0, 1e3 * speed, 0.0)
-    found = rises(state, full)
-    assert found == pytest.approx([green_k(9.0, place, speed) for place in PLACES], rel=0.02)
-    assert found == pytest.approx([rosenthal_k(place, speed) for place in PLACES], rel=0.02)
+    rises_c = rises(state, full)
+    assert rises_c == pytest.approx([green_k(9.0, place, speed) for place in PLACES], rel=0.02)
+    assert rises_c == pytest.approx([rosenthal_k(place, speed) for place in PLACES], rel=0.02)

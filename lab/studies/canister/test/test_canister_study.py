@@ -39,7 +39,7 @@ def test_a_phase_at_rest_has_no_errors_and_one_with_a_step_has_its_size(rows):
     assert dwell["power_kw"] == pytest.approx(43.6, abs=0.01)
 
 
-def test_what_is_outside_for_longer_than_allowed_is_not_good(monkeypatch, rows):
+def test_weld_outside_for_longer_than_allowed_is_not_good(monkeypatch, rows):
     scenario = scenario_file.parse(SHORT)
     signals = ClosedLoop(scenario, {"decentral": make("decentral")}).run()
     monkeypatch.setattr(verdict, "TEMPERATURE_C", 0.5)
@@ -71,12 +71,12 @@ def test_the_summary_counts_welds_that_are_good_in_all_phases_and_those_that_sto
     rows.append(
         {"index": 2, "controller": "nmpc:default", "phase": "", "stopped": "out of the copper"}
     )
-    found = report.summary(rows)
-    assert found["welds"]["nmpc:default"] == {"welds": 3, "good": 1, "nearly": 2}
-    assert found["stopped"]["nmpc:default"] == 1
-    assert found["phases"]["joint_line"]["nmpc:default"]["share_good"] == 1.0
-    assert found["phases"]["parking"]["nmpc:default"]["share_good"] == 0.0
-    assert found["phases"]["joint_line"]["nmpc:default"]["moved_kn"] == pytest.approx(
+    summary = report.summary(rows)
+    assert summary["welds"]["nmpc:default"] == {"welds": 3, "good": 1, "nearly": 2}
+    assert summary["stopped"]["nmpc:default"] == 1
+    assert summary["phases"]["joint_line"]["nmpc:default"]["share_good"] == 1.0
+    assert summary["phases"]["parking"]["nmpc:default"]["share_good"] == 0.0
+    assert summary["phases"]["joint_line"]["nmpc:default"]["moved_kn"] == pytest.approx(
         0.1
     )  # per second
 
@@ -88,20 +88,20 @@ def test_canisters_beyond_the_drives_and_those_on_which_the_nmpc_goes_astray_are
         row["fastest_s"] = 1800.0
     rows[count]["fastest_s"] = 1800.0  # of one controller alone
     rows.append(made(5, "nmpc:default", False, "downward") | {"temperature_peak_c": 33.0})
-    found = report.summary(rows)
-    assert list(found["saturated"]) == [4] and len(found["saturated"][4]) == count
-    assert {name: of for name, of in found["astray"].items() if of} == {"nmpc:default": [33.0]}
-    assert found["bad"] == {"all": 1, "long": 0}
-    assert report.beyond(found["saturated"])[1] == ["4, `nmpc:default`", "30", "6.0", "6.00"]
+    summary = report.summary(rows)
+    assert list(summary["saturated"]) == [4] and len(summary["saturated"][4]) == count
+    assert {name: of for name, of in summary["astray"].items() if of} == {"nmpc:default": [33.0]}
+    assert summary["bad"] == {"all": 1, "long": 0}
+    assert report.beyond(summary["saturated"])[1] == ["4, `nmpc:default`", "30", "6.0", "6.00"]
 
 
 def test_a_controller_is_the_best_where_its_figure_is_the_smallest():
     rows = [made(0, controller, True) for controller in report.CONTROLLERS]
     rows[0]["moved_rpm"] = 3.0
-    found = report.summary(rows)
-    assert report.best_of(found, "moved_rpm", "nmpc:default") == "joint line"
-    assert report.best_of(found, "moved_rpm", "decentral:tight") == ""
-    assert report.against(found, "joint_line", "moved_rpm") == "50 % to 50 %"
+    summary = report.summary(rows)
+    assert report.best_of(summary, "moved_rpm", "nmpc:default") == "joint line"
+    assert report.best_of(summary, "moved_rpm", "decentral:tight") == ""
+    assert report.against(summary, "joint_line", "moved_rpm") == "50 % to 50 %"
 
 
 def test_the_best_of_a_canister_has_the_smallest_error_of_the_whole_weld_and_slow_ones_do_not_count():
@@ -120,14 +120,16 @@ def test_the_best_of_a_canister_has_the_smallest_error_of_the_whole_weld_and_slo
         row["temperature_sigma_c"] = {"start": 20.0, "overlap": 0.0}[row["phase"]]
     rows[2]["temperature_sigma_c"] = rows[3]["temperature_sigma_c"] = 5.0
     rows[2 * len(names)]["temperature_sigma_c"] = 1.0  # default, canister 1
-    found = report.summary(rows)
-    assert found["best"] == {name: {names[0]: 0.5, names[1]: 0.5}.get(name, 0.0) for name in names}
+    summary = report.summary(rows)
+    assert summary["best"] == {
+        name: {names[0]: 0.5, names[1]: 0.5}.get(name, 0.0) for name in names
+    }
 
 
 def test_a_controller_that_has_welded_nothing_has_no_column():
     names = [name for name in report.CONTROLLERS if name != "nmpc:paper"]
-    found = report.summary([made(0, name, True) for name in names])
-    for table in (report.shares(found), report.figures(found, "joint_line")):
+    summary = report.summary([made(0, name, True) for name in names])
+    for table in (report.shares(summary), report.figures(summary, "joint_line")):
         assert table[0][1:] == [f"`{name}`" for name in names] and not any(
             "-" in row for row in table
         )
@@ -135,7 +137,9 @@ def test_a_controller_that_has_welded_nothing_has_no_column():
 
 def test_rows_of_several_versions_are_refused(tmp_path):
     file = tmp_path / "welds_0.jsonl"
-    file.write_text("".join(json.dumps({"software": one}) + "\n" for one in ("old", "new")))
+    file.write_text(
+        "".join(json.dumps({"software": version}) + "\n" for version in ("old", "new"))
+    )
     with pytest.raises(InputError, match="versions: new; old"):
         verdict.read([file])
 
@@ -150,7 +154,7 @@ def test_the_line_source_is_that_of_the_table():
     )
 
 
-def test_a_single_lag_is_found_again():
+def test_single_lag_is_identified():
     time_s = 0.1 * np.arange(1, 3001)
     assert validation.one_lag(18.1 * (1.0 - np.exp(-time_s / 30.5)), 120.0) == pytest.approx(
         (18.1, 30.5)
@@ -181,7 +185,7 @@ def copper():
     }
 
 
-def test_what_linear_copper_costs_is_told_by_phase():
+def test_error_of_linear_copper_is_reported_by_phase():
     assert report.worst_copper(copper(), "kirchhoff", "joint_line") == [12.0, 20.0]
     header, real, transformed, constant = report.coppers(copper())
     assert [name.split()[-1] for name in header[1:]] == ["dwell", "downward"]
@@ -193,21 +197,21 @@ def test_what_linear_copper_costs_is_told_by_phase():
 
 
 @pytest.mark.slow
-def test_the_linear_models_of_copper_are_put_beside_copper_as_it_is():
+def test_linear_models_are_compared_with_nonlinear_copper():
     """On a small canister, a minute from cold: what k(T), c(T) and radiation change grows with the temperature."""
     pytest.importorskip(
         "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
     )
     small = {"outer_radius_mm": 250.0, "tube_mm": 400.0, "modes": 25, "element_mm": 12.5}
-    found = properties.properties(0.5, changes=small)
+    rows = properties.properties(0.5, changes=small)
     real, transformed, constant = (
-        np.array(found["stir_zone_c"][name]) for name in properties.MODELS
+        np.array(rows["stir_zone_c"][name]) for name in properties.MODELS
     )
-    assert found["at_s"][-1] == 28.0 or found["at_s"][-1] == 32.0
-    assert set(found["phase"]) == {"dwell"}
+    assert rows["at_s"][-1] == 28.0 or rows["at_s"][-1] == 32.0
+    assert set(rows["phase"]) == {"dwell"}
     assert 300.0 < real[-1] < 700.0 and (np.diff(real) > 0.0).all()
-    for one in (transformed, constant):
-        assert 0.5 < np.abs(one - real).max() < 0.06 * (real[-1] - 20.0)
+    for model in (transformed, constant):
+        assert 0.5 < np.abs(model - real).max() < 0.06 * (real[-1] - 20.0)
 
 
 def test_a_missing_part_of_the_study_is_told_in_one_line(tmp_path):

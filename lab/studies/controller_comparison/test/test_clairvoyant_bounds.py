@@ -30,7 +30,7 @@ def test_courses_of_the_events_follow_each_other():
 
 
 @pytest.mark.full
-def test_clairvoyant_optimum_is_what_the_process_does(clairvoyant):
+def test_clairvoyant_optimum_matches_the_process(clairvoyant):
     goal = Reference(DEPTH_MM + 0.1, TEMPERATURE_C + 2.0)
     best = clairvoyant.best(REST, goal, 100.0, 1.0)
     model = ProcessModel()

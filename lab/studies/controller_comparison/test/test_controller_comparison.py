@@ -142,29 +142,29 @@ def test_a_lag_of_the_probe_takes_margin():
 
 @pytest.mark.full
 def test_sensors_are_compared_in_means_of_welds():
-    found = sensing.runs({TIGHT: (TIGHT, {})})
-    assert list(found) == list(SENSING)
-    white, slow = (found[kind][TIGHT] for kind in ("white, no lag", "lag 3 s"))
+    by_sensor = sensing.runs({TIGHT: (TIGHT, {})})
+    assert list(by_sensor) == list(SENSING)
+    white, slow = (by_sensor[kind][TIGHT] for kind in ("white, no lag", "lag 3 s"))
     key = "tracking iae_temperature_c_s"
     seeds = [
         figures(Job(TIGHT, "tracking", True, {**study.LATENCY, "seed": seed}))[key.split()[1]]
         for seed in (1, 2)
     ]
     assert white[key] == pytest.approx(np.mean(seeds))
-    assert slow[key] > 1.3 * white[key] and found["correlated 1 s"][TIGHT][key] != white[key]
+    assert slow[key] > 1.3 * white[key] and by_sensor["correlated 1 s"][TIGHT][key] != white[key]
 
 
 @pytest.mark.full
 def test_the_tuning_by_rule_is_calm_on_another_model():
     factors = random_factors(2, other_models.FACTORS)[1]
     assert all(low <= factors[name] <= high for name, (low, high) in other_models.FACTORS.items())
-    found = other_models.compare(factors, evaluations=25)
-    assert not found[DEFAULT]["swings"]
+    compared = other_models.compare(factors, evaluations=25)
+    assert not compared[DEFAULT]["swings"]
     for key in ("tracking iae_temperature_c_s", "disturbances iae_temperature_c_s"):
-        assert found[DEFAULT][key] < min(found[label][key] for label in DECENTRALIZED)
+        assert compared[DEFAULT][key] < min(compared[label][key] for label in DECENTRALIZED)
 
 
-def test_figures_say_whether_something_swings():
+def test_figures_report_oscillation():
     strong = {"factors.thermal_gain_c_per_kw": 8.0}
     assert figures(Job(DECENTRALIZED[0], "tracking", plant=strong))["swings"]
     assert not figures(Job(DEFAULT, "tracking"))["swings"]
@@ -179,7 +179,7 @@ def test_figures_say_whether_something_swings():
 
 
 @pytest.mark.parametrize("plant", [{}, {"actuators.lag_s": 0.3}], ids=["nominal", "drive lag"])
-def test_what_the_drives_add_leaves_no_offset(plant):
+def test_drive_offsets_leave_no_steady_error(plant):
     """+1 kN and -4 rpm behind the drives: the load cell and the speed sensor see them."""
     truth = weld(Job(DEFAULT, INPUT_DISTURBANCES, plant=plant)).truth
     depth_um, temperature_c = (

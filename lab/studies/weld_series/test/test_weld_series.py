@@ -39,7 +39,7 @@ SHORT = {
 }
 
 
-def test_a_bag_holds_what_was_welded(tmp_path):
+def test_bag_contains_the_signals_of_the_weld(tmp_path):
     scenario = parse(yaml.safe_dump(SHORT), "test")
     welded = ClosedLoop(scenario, make_all(scenario, "decentral", {})).run()
     action = {
@@ -70,10 +70,10 @@ def test_a_bag_holds_what_was_welded(tmp_path):
     assert read.angle_deg[-1] == pytest.approx(1.0) and read.travel_mm[-1] == pytest.approx(
         9.16, abs=0.01
     )
-    told = [(one.kind, one.text) for one in read.events]
-    assert ("operator", ": ".join(("Ada", "take control", "done"))) in told
-    assert ("weld", "weld done") in told
-    assert any(kind == "swap" and "nmpc commands (operator" in text for kind, text in told)
+    events = [(event.kind, event.text) for event in read.events]
+    assert ("operator", ": ".join(("Ada", "take control", "done"))) in events
+    assert ("weld", "weld done") in events
+    assert any(kind == "swap" and "nmpc commands (operator" in text for kind, text in events)
     assert {
         "scenario.yaml",
         "versions.json",
@@ -82,21 +82,21 @@ def test_a_bag_holds_what_was_welded(tmp_path):
     assert check_files(tmp_path / "bag", read_manifest(tmp_path / "bag")) == []
 
 
-def test_what_an_operator_sets_is_none_of_the_programme():
-    number = next(one for one, kind in series.SPECIAL.items() if kind == "operator")
+def test_manual_set_points_are_not_part_of_the_programme():
+    number = next(weld for weld, kind in series.SPECIAL.items() if kind == "operator")
     content = yaml.safe_load(series.scenario_text(number))
-    points = next(one["set_points"] for one in content["phases"] if one["name"] == "joint_line")
-    assert series.WRONG_C in [one.get("temperature_c") for one in points]
-    assert [one["name"] for one in series.series_procedure().model_dump()["phases"]] == [
-        one["name"] for one in content["phases"]
+    points = next(
+        phase["set_points"] for phase in content["phases"] if phase["name"] == "joint_line"
+    )
+    assert series.WRONG_C in [point.get("temperature_c") for point in points]
+    assert [phase["name"] for phase in series.series_procedure().model_dump()["phases"]] == [
+        phase["name"] for phase in content["phases"]
     ]
 
 
 @pytest.mark.slow
 @pytest.mark.full
-def test_a_short_series_has_bags_records_chain_and_history_and_goes_on_where_it_was(
-    tmp_path, capsys
-):
+def test_short_series_writes_all_outputs_and_resumes(tmp_path, capsys):
     pytest.importorskip(
         "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
     )
@@ -124,11 +124,11 @@ def test_a_short_series_has_bags_records_chain_and_history_and_goes_on_where_it_
     assert kept == series.series_procedure(series.BEGIN_DEG + 10.0)
 
 
-def test_a_folder_that_is_not_of_a_series_is_left_alone(tmp_path, capsys):
+def test_folder_without_a_series_is_not_changed(tmp_path, capsys):
     (tmp_path / "mine").write_text("keep")
     assert command.main(["--out", str(tmp_path)]) == 1
     assert "is not empty" in capsys.readouterr().err and [
-        one.name for one in tmp_path.iterdir()
+        path.name for path in tmp_path.iterdir()
     ] == ["mine"]
     assert command.main(["--out", str(tmp_path / "new"), "--joint-line", "5"]) == 1
     assert "give 10 to 360 deg" in capsys.readouterr().err

@@ -40,7 +40,7 @@ def _judgement(file: Path, files: Sequence[str], bag: Path) -> tuple[str, Identi
         procedure = (
             validate(Identity, record["procedure"], str(file)) if "procedure" in record else None
         )
-        judged = {one["sha256"] for one in record["files"] if one["name"] != METADATA_NAME}
+        judged = {file["sha256"] for file in record["files"] if file["name"] != METADATA_NAME}
     except (ValueError, KeyError, TypeError):
         raise CommandError(
             f"{file}: not the record of a weld; fsw.py record writes record.json"
@@ -106,12 +106,12 @@ def report(arguments: argparse.Namespace) -> int:
     beside = target.with_name(f"{target.stem}_charts.{ending}") if ending else None
     check_new([target, beside], arguments.force)
     table = history.load(arguments.folder)
-    said = history_report.write(table, target, "History of welds", beside)
+    remarks = history_report.write(table, target, "History of welds", beside)
     names = table["weld"].to_pylist()
-    for remark in said[-20:]:
+    for remark in remarks[-20:]:
         print(f"{names[remark.at]}: {remark.text}")
-    for one in history_report.tools(table):
-        print(f"tool {one.tool}, {one.welds} welds: {one.words}")
+    for tool in history_report.tools(table):
+        print(f"tool {tool.tool}, {tool.welds} welds: {tool.words}")
     print(f"written: {target}")
     return 0
 
@@ -128,15 +128,15 @@ def report(arguments: argparse.Namespace) -> int:
 def diff(arguments: argparse.Namespace) -> int:
     from fsw_quality import history  # of the extra
 
-    found = history.difference(history.load(arguments.folder), arguments.first, arguments.second)
-    if not found:
+    changes = history.difference(history.load(arguments.folder), arguments.first, arguments.second)
+    if not changes:
         print(
             "nothing: the same texts, and no number differs by more than three standard deviations"
         )
         return 0
     rows = [
         (what, before, after, f"{size:+.1f}" if isfinite(size) else "")
-        for what, before, after, size in found
+        for what, before, after, size in changes
     ]
     print_table(rows, ("what", arguments.first, arguments.second, "σ"))
     return 0

@@ -112,12 +112,12 @@ def show(arguments: argparse.Namespace) -> int:
         end = f"{phase.duration_s:g} s" if phase.to_deg is None else f"to {phase.to_deg:g} deg"
         rows.append((f"phase {phase.name}", end, phase.source))
     rows += [
-        ("controller", one.name, f"parameters {one.parameters_sha256 or 'any'}")
-        for one in procedure.controllers
+        ("controller", row.name, f"parameters {row.parameters_sha256 or 'any'}")
+        for row in procedure.controllers
     ]
     rows += [
-        ("sensor", one.name, f"calibration due {one.calibration_due or 'not given'}")
-        for one in procedure.sensors
+        ("sensor", row.name, f"calibration due {row.calibration_due or 'not given'}")
+        for row in procedure.sensors
     ]
     data = procedure.weld_data
     rows += [("weld data", *row) for row in data.labelled] if data else []
@@ -136,12 +136,12 @@ def show(arguments: argparse.Namespace) -> int:
 )
 def diff(arguments: argparse.Namespace) -> int:
     old, new = load(arguments.old), load(arguments.new)
-    found = differences(old, new)
-    if not found:
+    changes = differences(old, new)
+    if not changes:
         print("no difference")
         return 0
-    print_table(found, ("where", arguments.old, arguments.new))
+    print_table(changes, ("where", arguments.old, arguments.new))
     if (old.id, old.revision) == (new.id, new.revision):
-        said = f"note: both are {old.id} revision {old.revision}: give what was changed another revision"
-        print(said, file=sys.stderr)
+        note = f"note: both are {old.id} revision {old.revision}: give what was changed another revision"
+        print(note, file=sys.stderr)
     return 1

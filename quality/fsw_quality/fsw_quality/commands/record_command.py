@@ -77,7 +77,7 @@ def record(arguments: argparse.Namespace) -> int:
     for name, bag in bags.items():
         notes: list[str] = []
         with ProgressBar(f"reading {bag}") as bar:
-            found = fsw.record(
+            weld_record = fsw.record(
                 bag,
                 arguments.procedure,
                 folders[name],
@@ -88,11 +88,11 @@ def record(arguments: argparse.Namespace) -> int:
                 note=notes.append,
             )
         print_notes(notes)
-        print_notes(fact.words for fact in found.cannot_say)
+        print_notes(fact.words for fact in weld_record.cannot_say)
         print(
-            f"{name}: {found.verdict.upper()} ({found.deciding.name}: {found.deciding.words}: {found.deciding.figure})"
+            f"{name}: {weld_record.verdict.upper()} ({weld_record.deciding.name}: {weld_record.deciding.words}: {weld_record.deciding.figure})"
         )
-        print_notes(_unusual(found))
+        print_notes(_unusual(weld_record))
         files = [*report.files(), *report.figure_names(ending)]
         written = [path for path in (folders[name] / file for file in files) if path.exists()]
         print(f"written: {', '.join(map(str, written))}")
@@ -108,6 +108,6 @@ def _unusual(record: Record) -> list[str]:
         return []
     of = f"{len(comparison.welds)} accepted welds"
     return [
-        f"{one.phase}: {one.name}: {one.value:.4g}, in {of} {one.low:.4g} to {one.high:.4g}"
-        for one in comparison.far
+        f"{row.phase}: {row.name}: {row.value:.4g}, in {of} {row.low:.4g} to {row.high:.4g}"
+        for row in comparison.far
     ]

@@ -140,9 +140,9 @@ static int is_out_of_bounds(const fsw_nmpc *c) {
  * value; `applied`, which all computations use, is clipped to the bounds, and keeps its last value
  * if the command is implausibly far outside. */
 static void take_applied(fsw_nmpc *c, double force_kn, double speed_rpm) {
-  const double given[2] = {force_kn, speed_rpm};
+  const double command[2] = {force_kn, speed_rpm};
   const int is_known = fsw_is_finite(force_kn + speed_rpm);
-  for (int q = 0; q < 2; q++) c->unclipped[q] = is_known ? given[q] : c->applied[q];
+  for (int q = 0; q < 2; q++) c->unclipped[q] = is_known ? command[q] : c->applied[q];
   const int is_believed = !is_out_of_bounds(c);
   for (int q = 0; q < 2; q++)
     c->applied[q] = fsw_clip(is_believed ? c->unclipped[q] : c->applied[q], fsw_least(&c->tuning, q), fsw_most(&c->tuning, q));
@@ -233,7 +233,7 @@ static void pose(fsw_nmpc *c, const fsw_nmpc_input *in) {
   fsw_trajectories(c, in);
 }
 
-static void tell_estimates(const fsw_nmpc *c, fsw_nmpc_output *out) {
+static void report_estimates(const fsw_nmpc *c, fsw_nmpc_output *out) {
   const fsw_estimator *e = &c->estimator;
   out->depth_mm = fsw_contact_depth(e, &c->model, 0) + e->x[FSW_DEPTH_OFFSET];
   out->temperature_c = c->model.operating_temperature_c + e->x[FSW_TOOL] + e->x[FSW_TEMP_OFFSET];
@@ -261,7 +261,7 @@ int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) 
   for (int q = 0; q < 2; q++) out->attainable[q] = c->attainable[q] = c->reference[q];
   out->reason = FSW_WAITING_FOR_SENSORS;
   if (!estimate(c, in)) return 0;
-  tell_estimates(c, out);
+  report_estimates(c, out);
   out->reason = FSW_WAITING_FOR_REFERENCE;
   if (!c->has_reference) return 0;
   pose(c, in);
@@ -331,7 +331,7 @@ static void shift_plan(fsw_nmpc *c) {
   if (p->is_cold && p->has_outputs) shift_outputs(c);
 }
 
-static void tell_plan(const fsw_nmpc *c, fsw_nmpc_output *out) {
+static void report_plan(const fsw_nmpc *c, fsw_nmpc_output *out) {
   const fsw_nmpc_model *m = &c->model;
   double force = c->applied[0], speed = c->applied[1];
   out->has_plan = c->plan.has_outputs;
@@ -349,7 +349,7 @@ static void tell_plan(const fsw_nmpc *c, fsw_nmpc_output *out) {
  * The plan is optimal for the old measurement, so it is better than no move for a few ticks, but
  * blind to new disturbances; beyond that the proposal is unhealthy and the supervisor decides. */
 void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const double *temp, int status,
-                        fsw_nmpc_output *out) {
+                  fsw_nmpc_output *out) {
   const fsw_nmpc_model *m = &c->model;
   fsw_plan *p = &c->plan;
   out->solve_status = status == FSW_OK ? judge(c, moves, depth, temp) : status;
@@ -379,7 +379,7 @@ void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const d
   out->bad_in_a_row = c->bad_in_a_row;
   out->force_kn = limited(c, 0, c->applied[0] + p->moves[0]);
   out->speed_rpm = limited(c, 1, c->applied[1] + p->moves[1]);
-  tell_plan(c, out);
+  report_plan(c, out);
   shift_plan(c);
 }
 

@@ -235,6 +235,9 @@ void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const d
 /* Random walk of each state per tick. */
 void fsw_estimator_walk(const fsw_estimator_tuning *t, double walk[FSW_STATES]);
 
+/* Depth that the tool feels, (27), and, unless row is NULL, its derivative by the states. */
+double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[FSW_STATES]);
+
 /* Predict along the moves v [2 n_blocks]: outputs into w->output, and their sensitivities into as much
  * of w->by as the model's widths say. Returns FSW_OK, or FSW_NOT_FINITE. */
 int fsw_predict(const fsw_nmpc_model *m, const fsw_start *start, const double *v, fsw_workspace *w);

@@ -26,7 +26,6 @@ int fsw_estimator_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_est
                         const fsw_nmpc_input *in);
 int fsw_estimator_step(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,
                        const fsw_nmpc_input *in);
-double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[FSW_STATES]);
 
 /* known_heat.c */
 void fsw_known_heat_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimator_tuning *t,

@@ -37,6 +37,7 @@ void fsw_known_heat_rise(fsw_estimator *e, const fsw_estimator_tuning *t, const 
   e->by_known[USED][FSW_HEAT] += e->known_weight * rise;
 }
 
+/* One tick of the filter's own linear dynamics, for both vectors. */
 void fsw_known_heat_predict(fsw_estimator *e) {
   for (int k = 0; k < 2; k++) {
     double next[N] = {0.0};
@@ -46,7 +47,7 @@ void fsw_known_heat_predict(fsw_estimator *e) {
   }
 }
 
-/* An update of the states with a gain. */
+/* An update of the states with a gain. Both vectors lose what the filter corrects, as its states do. */
 void fsw_known_heat_correct(fsw_estimator *e, const double row[N], const double gain[N]) {
   for (int k = 0; k < 2; k++) {
     e->shown[k] = 0.0;
@@ -55,7 +56,9 @@ void fsw_known_heat_correct(fsw_estimator *e, const double row[N], const double 
   }
 }
 
-/* After an update of the temperature. */
+/* After an update of the temperature: a sequential likelihood-ratio test (Wald 1945) of "all of the
+ * known heat" against "none of it". A fading sum forgets, so that heat that was wrong once can be used
+ * again; a single tick counts at most 1, so that a spike decides nothing. */
 void fsw_known_heat_judge(fsw_estimator *e, const fsw_estimator_tuning *t) {
   const double none = e->innovation[TEMPERATURE] + e->shown[USED], all = none - e->shown[ALL];
   const double more = 0.5 * (none * none - all * all) / e->expected[TEMPERATURE];

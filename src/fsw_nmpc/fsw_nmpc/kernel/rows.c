@@ -22,6 +22,8 @@ double fsw_dot(const double *restrict a, const double *restrict b, int n) {
 
 static int padded(int n) { return (n + FSW_PAD - 1) / FSW_PAD * FSW_PAD; }
 
+/* Variables, their costs and limits. The inputs are bounded at the ends of the blocks only: within a
+ * block they change by equal moves, so they are extreme at its ends. */
 static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_start *s, const double *v,
                             fsw_workspace *w) {
   const int nv = w->nv = 2 * m->n_blocks;
@@ -52,6 +54,9 @@ static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, c
 
 static double inverse_square(double scale) { return scale > 0.0 ? 1.0 / (scale * scale) : 0.0; }
 
+/* The QP about the moves v, from a prediction along them: outputs and sensitivities of the nonlinear
+ * model in, a linear model in scaled moves out. One such QP a tick is the Gauss-Newton step of the
+ * real-time iteration (Diehl, Bock and Schloeder 2005). */
 void fsw_build(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_problem *problem, const double *v,
                fsw_workspace *w) {
   const int n_out = m->n_out;

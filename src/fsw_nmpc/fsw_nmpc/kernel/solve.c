@@ -249,6 +249,7 @@ static double direction(fsw_workspace *w, double mu, double second, double *gap_
   return alpha;
 }
 
+/* Take a step. The products a'z move along linearly, which saves multiplying all rows again. */
 static void advance(fsw_workspace *w, double alpha) {
   fsw_soft *f = &w->soft;
   fsw_hard *h = &w->hard;

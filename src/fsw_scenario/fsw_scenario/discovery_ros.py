@@ -10,7 +10,7 @@ from rclpy.publisher import Publisher
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 
-class Audience:
+class Discovery:
     """Subscribers of set-points and plan; expects ``wanted`` controllers with ``named`` ones.
 
     ``publishers`` are those of ``SetPoints``, the set-points' first.
