@@ -300,4 +300,7 @@ def test_no_dialog_or_notice_lies_under_the_stop_at_any_size(fake, open_page):
     check("end of the weld, form and notice")
     press(page, "Keep control")
     expect(page.locator(".notice")).to_have_count(1)
+    fake.cut()
+    expect(page.locator("body")).to_have_attribute("data-link", "lost")
+    check("cut off, end of the weld and form")
     assert faults_at == {}
