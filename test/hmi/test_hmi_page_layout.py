@@ -229,6 +229,7 @@ OVERLAP = """(selectors) => {
 
 @pytest.mark.parametrize("size", [PHONE, PANEL], ids="{0[0]}x{0[1]}".format)
 def test_form_of_set_points_leaves_what_it_changes_in_view(fake, open_page, uplot, size):
+    fake.progress["state"] = "held"  # only then set-points are by hand
     page = open_page(fake.url, *size)
     in_control(page)
     press(page, "Set-points")
