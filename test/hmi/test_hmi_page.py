@@ -142,6 +142,7 @@ def test_server_that_is_gone_is_told_and_commands_are_off(fake, open_page):
 @pytest.mark.requirement("S18")
 @pytest.mark.requirement("S19")
 def test_page_that_is_cut_off_keeps_form_and_control_and_sends_its_stop_first(fake, open_page):
+    fake.progress["state"] = "held"  # only then set-points are by hand
     page = ready(open_page(fake.url))
     in_control(page)
     press(page, "Set-points")
@@ -233,6 +234,7 @@ def test_page_of_an_old_build_asks_for_a_reload(fake, open_page):
 
 
 def test_set_points_show_from_to_and_ramp_before_they_are_sent(fake, open_page):
+    fake.progress["state"] = "held"  # only then set-points are by hand
     page = ready(open_page(fake.url))
     in_control(page)
     press(page, "Set-points")
@@ -277,6 +279,7 @@ def test_swap_shows_why_it_is_refused(fake, open_page):
 @pytest.mark.requirement("S19")
 @pytest.mark.parametrize("way", ["click", "keys"])
 def test_safe_stop_is_one_action_even_over_a_form(fake, open_page, way):
+    fake.progress["state"] = "held"  # only then set-points are by hand
     page = ready(open_page(fake.url))
     in_control(page)
     press(page, "Set-points")
@@ -330,6 +333,7 @@ def test_safe_stop_on_the_servers_computer_needs_no_login(fake, open_page):
 
 
 def test_without_control_alarms_and_commands_are_disabled_and_say_why(fake, open_page):
+    fake.progress["state"] = "held"  # only then set-points are by hand
     fake.alarms = sample_alarms(time.time())
     page = open_page(fake.url)
     log_in(page)
@@ -353,6 +357,7 @@ def test_without_control_alarms_and_commands_are_disabled_and_say_why(fake, open
 
 @pytest.mark.requirement("S18")
 def test_control_lost_by_a_restart_of_the_server_is_told_and_closes_the_form(fake, open_page):
+    fake.progress["state"] = "held"  # only then set-points are by hand
     page = ready(open_page(fake.url))
     in_control(page)
     press(page, "Set-points")
@@ -396,6 +401,34 @@ def test_what_the_programme_would_refuse_is_disabled_with_the_reason(
             expect(button).to_have_attribute("title", re.compile("weld|programme"))
 
 
+@pytest.mark.parametrize(
+    ("changed", "left", "lack"),
+    [
+        ({}, False, {"Set-points"}),
+        ({}, True, set()),
+        ({"actual_mode": "safe_stop"}, True, {"Mode"}),
+        ({"actual_mode": "safe_stop", "acknowledged": True}, True, set()),
+        ({"known": False}, True, {"Set-points", "Controller", "Mode", "Acknowledge stop"}),
+    ],
+)
+def test_what_the_supervisor_would_refuse_is_disabled_with_the_reason(
+    fake, open_page, changed, left, lack
+):
+    fake.progress["left"] = left
+    fake.state.update(changed)
+    page = open_page(fake.url)
+    in_control(page)
+    if changed.get("actual_mode") != "safe_stop" or changed.get("acknowledged"):
+        lack = lack | {"Acknowledge stop"}
+    for name in ("Set-points", "Controller", "Mode", "Acknowledge stop"):
+        button = page.get_by_role("button", name=name)
+        if name in lack:
+            expect(button).to_be_disabled()
+            expect(button).to_have_attribute("title", re.compile("."))
+        else:
+            expect(button).to_be_enabled()
+
+
 def test_local_time_is_beside_utc(fake, open_page):
     page = open_page(fake.url, timezone_id="Asia/Kolkata")
     shown = page.locator("#clock .detail").first
@@ -408,6 +441,7 @@ def test_local_time_is_beside_utc(fake, open_page):
 
 
 def test_form_holds_what_may_be_sent_only(fake, open_page):
+    fake.progress["state"] = "held"  # only then set-points are by hand
     page = ready(open_page(fake.url))
     in_control(page)
     form, confirm = page.locator("dialog"), page.locator("dialog button[type=submit]")

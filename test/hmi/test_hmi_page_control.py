@@ -59,6 +59,7 @@ def says(page, text):
 
 
 def test_control_is_asked_for_and_handed_over(fake, person):
+    fake.progress["state"] = "held"  # only then set-points are by hand
     otto, olga = person(fake, "otto"), person(fake, "olga")
     press(otto, "Take control")
     says(otto, "otto (you) has control.")

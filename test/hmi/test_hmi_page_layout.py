@@ -229,6 +229,7 @@ OVERLAP = """(selectors) => {
 
 @pytest.mark.parametrize("size", [PHONE, PANEL], ids="{0[0]}x{0[1]}".format)
 def test_form_of_set_points_leaves_what_it_changes_in_view(fake, open_page, uplot, size):
+    fake.progress["state"] = "held"  # only then set-points are by hand
     page = open_page(fake.url, *size)
     in_control(page)
     press(page, "Set-points")
@@ -300,4 +301,7 @@ def test_no_dialog_or_notice_lies_under_the_stop_at_any_size(fake, open_page):
     check("end of the weld, form and notice")
     press(page, "Keep control")
     expect(page.locator(".notice")).to_have_count(1)
+    fake.cut()
+    expect(page.locator("body")).to_have_attribute("data-link", "lost")
+    check("cut off, end of the weld and form")
     assert faults_at == {}

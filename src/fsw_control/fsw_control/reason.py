@@ -129,6 +129,18 @@ _WORDS = {
     ReasonCode.UNKNOWN: "reason not on record",
 }
 
+#: by code of ``StopCause``, which is the subject of a stop that was heard of
+_STOPS = {
+    "operator": "requested",
+    "interlock": "an interlock has tripped",
+    "hold_timeout": "force and speed were held for too long",
+    "start_timeout": "no controller was ready in time",
+    "blind": "a sensor was invalid for too long",
+    "watchdog": "no commands reached the machine",
+    "restart": "it began before a restart",
+    "clock": "stamps did not advance",
+}
+
 
 class Reason(NamedTuple):
     """A reason; false in a condition when there is nothing to explain."""
@@ -147,13 +159,14 @@ class Reason(NamedTuple):
     @property
     def words(self) -> str:
         """The reason in words, with its causes; empty if there is nothing to explain."""
+        heard = self.code is ReasonCode.STOP_HEARD
         own = _WORDS[self.code].format(
             sensors=", ".join(self.sensors),
             interlocks=", ".join(self.interlocks),
             limit_s=self.limit_s,
             limit_ms=1e3 * self.limit_s,
             detail=self.detail,
-            subject=self.subject,
+            subject=_STOPS.get(self.subject, self.subject) if heard else self.subject,
         )
         return f"{own}: {self.because.words}" if self.because else own
 

@@ -11,6 +11,7 @@ import pytest
 
 from fsw_control.journal import AlarmChange, RequestKind
 from fsw_control.reason import Reason, ReasonCode
+from fsw_control.stop import StopCause
 
 MESSAGES = Path(__file__).resolve().parents[2] / "fsw_msgs" / "msg"
 
@@ -33,6 +34,13 @@ def test_words_have_the_arguments() -> None:
         Reason(ReasonCode.RAISED, detail="{0} {sensors}").words
         == "controller raised {0} {sensors}"
     )
+
+
+@pytest.mark.parametrize("cause", [one for one in StopCause if one is not StopCause.NONE])
+def test_stop_that_was_heard_of_says_its_cause_without_its_code(cause: StopCause) -> None:
+    code = cause.name.lower()
+    words, bare = (Reason(ReasonCode.STOP_HEARD, subject=one).words for one in (code, "?"))
+    assert words != bare.replace("?", code) and "_" not in words
 
 
 def test_words_of_a_controller_are_its_own() -> None:

@@ -177,8 +177,8 @@ class AlarmRules:
         for name in ("machine", "measurements", "supervisor", "foreign"):
             if name in found:
                 return {"ok": False, "text": found[name].text}
-        if now.command_age_s is None or now.tick_age_s is None:
-            return {"ok": None, "text": "No commands yet"}
+        if now.command_age_s is None or not self._measures(now):
+            return {"ok": None, "text": "No commands now"}
         gates = [parts["machine"] for parts in now.parts.values() if "machine" in parts]
         text = "Commands reach the machine" + (", it permits them" if gates else "")
         return {"ok": True, "text": text}

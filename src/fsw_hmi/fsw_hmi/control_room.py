@@ -21,9 +21,9 @@ from fsw_hmi.users import LONGEST, Users, checked_name
 
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
-#: passwords that are checked or wait for it, at most: of one client and of all; of a session one
-#: (chosen)
-_OF_CLIENT, _OF_ALL = 8, 64
+#: passwords that are checked or wait for it, at most: of one client, so few that a guesser delays
+#: nobody elsewhere by more than two checks, and of all; of a session one (chosen)
+_OF_CLIENT, _OF_ALL = 2, 64
 #: of the wrong logins of a client one is recorded in so long (chosen)
 _RECORD_S = 60.0
 #: not answered here

@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from functools import partial
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -211,8 +212,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             old = time.monotonic() - watch.progress_s > NO_PROGRAMME_S
             silent = {"state": "silent"} if old and watch.programme() else {}
             self._show("progress", watch.progress | silent)
-        newest_s = (watch.view.newest_ns or 0) / NANOSECONDS
-        self._recording.look(watch.recording_level(), watch.recording, newest_s)
+        newest_ns, recorder = watch.view.newest_ns, watch.recorder()
+        newest_s = nan if newest_ns is None else newest_ns / NANOSECONDS
+        self._recording.look(recorder.level, recorder.code, watch.recording, newest_s)
         self._show("recording", self._recording.frame())
         self._account = self._weld.frame(self._recording.gaps)
         if self._account is not None:

@@ -11,6 +11,7 @@ from typing import Any
 
 from fsw_hmi.frames import readable
 from fsw_recorder.bag_metadata import METADATA_NAME
+from fsw_recorder.recording import Note
 
 
 class RecordingState(StrEnum):
@@ -18,10 +19,12 @@ class RecordingState(StrEnum):
 
     NONE = "none"  # no recorder has reported
     RECORDING = "recording"
-    INCOMPLETE = "incomplete"  # not everything gets into the bag
+    INCOMPLETE = "incomplete"  # not everything gets, or has got, into the bag
+    PAUSED = "paused"  # the recorder is there, but writes nothing
     FAILED = "failed"
     SILENT = "silent"  # the recorder no longer reports, its bag is open
     CLOSED = "closed"  # the bag is complete
+    CLOSED_WITH_GAPS = "closed_with_gaps"  # it is closed, but lacks something
 
 
 _OF_LEVEL = {
@@ -29,10 +32,12 @@ _OF_LEVEL = {
     "warn": RecordingState.INCOMPLETE,
     "error": RecordingState.FAILED,
 }
+#: codes of a recorder that writes nothing: by a request, or until there is something
+_PAUSED = (Note.PAUSED, Note.AWAITED)
 
 
 class Recording:
-    """Follows the recorder's reports; ``gaps`` are begin and end, in the page's time of the weld [s].
+    """Follows the recorder's reports.
 
     A bag is complete once its metadata is written, which the recorder does last; whether it is,
     is seen where the page's server shares the recorder's file system.
@@ -40,30 +45,59 @@ class Recording:
 
     def __init__(self) -> None:
         self.state = RecordingState.NONE
-        self.gaps: list[tuple[float, float]] = []
+        self._gaps: list[tuple[float, float]] = []  # that are over
         self._values: Mapping[str, str] = {}
-        self._heard_s = nan  # time of the weld of the last report that is not old
+        self._weld_s = self._recorded_s = nan  # times of the weld: now, and of the last report
+        self._open_s: float | None = None  # begin of the gap that lasts
         self._missing = 0
 
-    def look(self, level: str, values: Mapping[str, str], weld_s: float) -> None:
-        """Take the recorder's last report, ``stale`` if it is old, at a time of the weld."""
-        was_silent = self.state is RecordingState.SILENT
+    @property
+    def gaps(self) -> list[tuple[float, float]]:
+        """Begin and end of each gap, in the page's time of the weld [s]."""
+        open_s = nan if self._open_s is None else self._open_s
+        return [*self._gaps, (open_s, self._weld_s)] if self._weld_s > open_s else [*self._gaps]
+
+    def look(self, level: str, code: str, values: Mapping[str, str], weld_s: float) -> None:
+        """Take the recorder's last report: level, ``stale`` if it is old, code and values.
+
+        ``weld_s`` is the time of the weld; NaN before the first tick.
+        """
+        before, self._weld_s = self.state, weld_s
         if level in _OF_LEVEL:
-            self.state, self._values = _OF_LEVEL[level], values
-        elif self.state is not RecordingState.NONE:
+            self._values = values
+            self.state = RecordingState.PAUSED if code in _PAUSED else _OF_LEVEL[level]
+        elif before is not RecordingState.NONE:
             closed = _is_complete(self._values.get("bag", ""))
             self.state = RecordingState.CLOSED if closed else RecordingState.SILENT
+        self._note_gap(self.state is RecordingState.SILENT or code == Note.PAUSED)
+        incomplete = (RecordingState.INCOMPLETE, RecordingState.CLOSED_WITH_GAPS)
+        if self.state is RecordingState.RECORDING and self._gaps:
+            self.state = RecordingState.INCOMPLETE
+        elif self.state is RecordingState.CLOSED and (self.gaps or before in incomplete):
+            self.state = RecordingState.CLOSED_WITH_GAPS
+
+    def _note_gap(self, is_open: bool) -> None:
+        """Begin or end a gap: it lasts until a recorder records again."""
         missing = self._count("lost") + self._count("dropped")
-        if was_silent:  # it lasts until the recorder, or another one, reports again
-            self.gaps[-1] = self.gaps[-1][0], weld_s
-        elif self.state is RecordingState.SILENT or missing > self._missing:
-            begin_s = self._heard_s if isfinite(self._heard_s) else weld_s
-            if self.gaps and self.gaps[-1][1] == begin_s:  # messages are lost without a pause
-                begin_s = self.gaps.pop()[0]
-            self.gaps.append((begin_s, weld_s))
+        if is_open and (self._open_s is None or not isfinite(self._open_s)):
+            self._open_s = self._recorded_s if isfinite(self._recorded_s) else self._weld_s
+        elif not is_open and self._open_s is not None:
+            if (
+                self.state is not RecordingState.CLOSED
+            ):  # else it was silent while it closed its bag
+                self._add_gap(self._open_s)
+            self._open_s = None
+        elif missing > self._missing:
+            self._add_gap(self._recorded_s)
         self._missing = missing
-        if level in _OF_LEVEL:
-            self._heard_s = weld_s
+        if not is_open:
+            self._recorded_s = self._weld_s
+
+    def _add_gap(self, begin_s: float) -> None:
+        if self._gaps and self._gaps[-1][1] >= begin_s:  # messages are lost without a pause
+            begin_s = self._gaps.pop()[0]
+        if self._weld_s > begin_s:
+            self._gaps.append((begin_s, self._weld_s))
 
     def _count(self, name: str) -> int:
         """A number of the report; 0 where another node sends something else."""
@@ -77,7 +111,7 @@ class Recording:
             "bag": readable(self._values.get("bag", "")),
             "bytes": self._count("bytes") + self._count("pending_bytes"),
             "missing": self._missing,
-            "gap": self.gaps[-1] if self.gaps else None,
+            "gap": next(reversed(self.gaps), None),
         }
 
 

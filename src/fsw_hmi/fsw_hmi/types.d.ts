@@ -93,7 +93,7 @@ interface Programme {
   left: boolean;
   way_back_s: Value;
 }
-type BagState = "none" | "recording" | "incomplete" | "failed" | "silent" | "closed";
+type BagState = "none" | "recording" | "incomplete" | "paused" | "failed" | "silent" | "closed" | "closed_with_gaps";
 /** What is known of the recording; the last gap in the weld's time. */
 interface RecordingReport {
   t: "recording";

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import yaml
 from argon2 import PasswordHasher, extract_parameters
-from argon2.exceptions import VerificationError
+from argon2.exceptions import VerificationError, VerifyMismatchError
 from pydantic import AfterValidator, TypeAdapter
 
 from fsw_control.coded import RefusedError, Worded
@@ -26,8 +26,9 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,31}")
 #: of passwords and tokens
 SHORTEST, LONGEST = 12, 128
 _LONGEST_BYTES = 1_000_000
-#: Argon2id with the parameters of the library (RFC 9106, second choice)
-HASHER = PasswordHasher()
+#: Argon2id with the library's time and memory (RFC 9106, second choice), in one thread: the one
+#: that steps back
+HASHER = PasswordHasher(parallelism=1)
 
 
 class NameFlaw(Worded):
@@ -79,12 +80,20 @@ class Users:
         return user.name if user else ""
 
     def check(self, name: str, password: str) -> str:
-        """Name of the user of a name and password, empty if one is wrong; slow, thread-safe."""
+        """Name of the user of a name and password, empty if one is wrong; slow, thread-safe.
+
+        Raises
+        ------
+        MemoryError
+            When there is too little memory for the hash.
+        """
         user = self._users.get(name.casefold())
         try:
             HASHER.verify(user.password if user else self._other, _bytes(password))
-        except VerificationError:
+        except VerifyMismatchError:
             return ""
+        except VerificationError as error:
+            raise MemoryError(str(error)) from None
         return user.name if user else name if self.kind == "token" else ""
 
 
@@ -141,9 +150,9 @@ def read_token(path: Path) -> str:
         token = read_private("token_file", path, 4096).decode().strip()
     except UnicodeDecodeError:
         raise ValueError(f"token_file: {path} is no text") from None
-    if len(token) < SHORTEST or "\n" in token:
+    if not SHORTEST <= len(token) <= LONGEST or "\n" in token:
         raise ValueError(
-            f"token_file: {path} must hold one line of at least {SHORTEST} characters"
+            f"token_file: {path} must hold one line of {SHORTEST} to {LONGEST} characters"
         )
     return token
 

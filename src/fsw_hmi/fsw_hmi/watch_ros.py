@@ -227,10 +227,10 @@ class Watch:
                     name: readable(values.get(f"{name} state", "good")) for name in SENSORS
                 }
 
-    def recording_level(self) -> str:
-        """Level of the recorder's last report, ``stale`` if it is old; empty before the first."""
-        levels = (parts[RECORDING].level for parts in self.parts().values() if RECORDING in parts)
-        return min(levels, key=lambda level: level == "stale", default="")
+    def recorder(self) -> Part:
+        """The recorder's last report, of level ``stale`` if it is old; empty before the first."""
+        reports = (parts[RECORDING] for parts in self.parts().values() if RECORDING in parts)
+        return min(reports, key=lambda one: one.level == "stale", default=Part("", ""))
 
     def _is_full(self, node: str) -> bool:
         """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""

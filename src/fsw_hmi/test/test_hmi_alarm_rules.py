@@ -479,6 +479,8 @@ def test_whether_commands_reach_the_machine_is_told(rules):
     refused = reach(parts=gateway(permissive=False))
     assert refused["ok"] is False and refused["text"] != reach()["text"]
     assert reach(command_age_s=1.0)["ok"] is False
+    ended = reach(programme="done", tick_age_s=5.0, command_age_s=5.0)
+    assert ended["ok"] is None and ended["text"] == reach(command_age_s=None)["text"]
 
 
 def test_the_process_window_is_told_as_it_is_in_force():

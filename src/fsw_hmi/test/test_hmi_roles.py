@@ -104,17 +104,17 @@ def test_page_with_wrong_passwords_keeps_nobody_out_not_even_its_own_address(hal
 
 
 @pytest.mark.requirement("S30")
-def test_one_password_of_a_session_and_eight_of_a_client_wait_and_a_busy_check_is_no_refusal(hall):
-    places, far = [Place(hall) for _ in range(9)], Place(hall, address="192.0.2.9")
-    for place in places[:8]:
+def test_one_password_of_a_session_and_two_of_a_client_wait_and_a_busy_check_is_no_refusal(hall):
+    places, far = [Place(hall) for _ in range(3)], Place(hall, address="192.0.2.9")
+    for place in places[:2]:
         first = place.ask("login", name="otto", password=PASSWORD)
         assert first.credentials == ("otto", PASSWORD)
         busy = place.ask("login", name="otto", password=PASSWORD)
         assert (busy.credentials, busy.answer.code) == (None, "busy")
-    assert places[8].ask("login", name="otto", password=PASSWORD).answer.code == "busy"
+    assert places[2].ask("login", name="otto", password=PASSWORD).answer.code == "busy"
     assert far.log_in("egon").answer.outcome == DONE
     assert hall.room.on_busy(places[0].session).answer.outcome == TIMED_OUT
-    assert places[8].log_in("otto").answer.outcome == DONE
+    assert places[2].log_in("otto").answer.outcome == DONE
     assert Place(hall).ask("login", name="olga", password="x" * 129).credentials is None
 
 

@@ -23,7 +23,16 @@ def test_file_that_others_may_read_is_refused(tmp_path, mode):
 
 
 @pytest.mark.parametrize(
-    "content", [b"", b"short", b"eleven char", b"\n\n", b"two words\nin two lines", b"\xff" * 12]
+    "content",
+    [
+        b"",
+        b"short",
+        b"eleven char",
+        b"\n\n",
+        b"two words\nin two lines",
+        b"\xff" * 12,
+        b"x" * 129,  # the longest that a login may send has 128
+    ],
 )
 def test_file_without_a_token_is_refused(tmp_path, content):
     with pytest.raises(ValueError, match="token_file"):

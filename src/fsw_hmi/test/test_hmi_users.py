@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 import yaml
 from argon2 import Type, extract_parameters
+from argon2.exceptions import VerificationError
 
 from fsw_control.schema.models import InputError
 from fsw_hmi import users
@@ -139,6 +140,17 @@ def test_same_letters_in_another_encoding_are_the_same_password():
 
 def test_hash_is_argon2id_as_rfc_9106_recommends_it():
     assert (HASHER.type, HASHER.time_cost, HASHER.memory_cost) == (Type.ID, 3, 65536)
+    assert HASHER.parallelism == 1  # the thread that has stepped back takes no others along
+
+
+def test_password_that_cannot_be_checked_for_want_of_memory_is_not_a_wrong_one(monkeypatch):
+    def verify(*_):
+        raise VerificationError("Memory allocation error")
+
+    known = Users([new_user("anna", PASSWORD)])
+    monkeypatch.setattr(users, "HASHER", SimpleNamespace(verify=verify))
+    with pytest.raises(MemoryError):
+        known.check("anna", PASSWORD)
 
 
 def test_unknown_name_costs_the_same_hash_as_a_known_one(monkeypatch):

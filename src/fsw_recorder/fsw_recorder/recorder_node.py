@@ -18,7 +18,7 @@ from rclpy.task import Future
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume, SplitBagfile
 from rosbags.interfaces import Qos
 
-from fsw_control.coded import Fact, Worded
+from fsw_control.coded import Fact
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
@@ -34,6 +34,7 @@ from fsw_recorder.parameters import RecorderParameters
 from fsw_recorder.qos import is_latched, is_reliable
 from fsw_recorder.qos_ros import offered_by
 from fsw_recorder.recording import (
+    Note,
     custom_entries,
     free_sibling,
     media_type,
@@ -49,16 +50,6 @@ from fsw_recorder.topic_subscription_ros import TopicSubscription
 _REPORT_PERIOD_S = 1.0
 #: polling period [s]; the queues hold far more than arrives meanwhile
 _POLL_PERIOD_S = 0.01
-
-
-class Note(Worded):
-    """Diagnostics of the recorder."""
-
-    RECORDING = "recording", "recording"
-    PAUSED = "paused", "paused"
-    INCOMPLETE = "incomplete", "recording, but not everything is in the bag"
-    AWAITED = "awaited", "recording nothing until these topics are there: {topics}"
-    FAILED = "failed", "{error}"
 
 
 class _Bag(NamedTuple):

@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from itertools import chain, count
 from pathlib import Path
 
+from fsw_control.coded import Worded
 from fsw_control.schema.files import open_regular
 from fsw_recorder.errors import BagError
 
@@ -28,6 +29,18 @@ _PACKAGES = (
     "fsw_scenario",
 )
 _SOURCES = (".py", ".yaml", ".c", ".h")
+
+
+class Note(Worded):
+    """Diagnostics of the recorder."""
+
+    RECORDING = "recording", "recording"
+    PAUSED = "paused", "paused"
+    INCOMPLETE = "incomplete", "recording, but not everything is in the bag"
+    AWAITED = "awaited", "recording nothing until these topics are there: {topics}"
+    FAILED = "failed", "{error}"
+
+
 _MAX_ATTACHMENT_BYTES = 64 * 1024 * 1024
 _MEDIA_TYPES = {
     ".yaml": "application/yaml",

@@ -347,7 +347,8 @@ class Machine:
 
     def _note(self, cause: Cause, reason: Reason, who: str, code: Code, /, **data: Any) -> None:
         self.cause, self.reason, self.since_ns = cause, reason, self._stamp_ns
-        self.who = who if cause.on_request else ""
+        heard = cause is Cause.STOP_HEARD and self.register.value.cause is StopCause.OPERATOR
+        self.who = who if cause.on_request or heard else ""
         self.transitions += 1
         level = Level.ERROR if self.mode is Mode.SAFE_STOP else Level.INFO
         self.log(level, who, code, reason=reason, **data)

@@ -258,7 +258,7 @@ def test_mode_that_was_accepted_by_a_leader_that_dies_before_its_next_command_is
     a, b = world.members
 
     def ask(member):
-        assert member.arbiter.operator.ask_mode(str(mode), Command(78.0, 407.0), "operator")[0]
+        assert member.arbiter.operator.ask_mode(str(mode), Command(78.0, 407.0), "anna")[0]
 
     a.hear(ask)
     world.now_s += 0.01
@@ -266,7 +266,9 @@ def test_mode_that_was_accepted_by_a_leader_that_dies_before_its_next_command_is
     world.members.remove(a)
     world.tick(10)
     assert world.source == mode
-    assert (b.arbiter.machine.mode, b.arbiter.machine.cause) == (mode, cause)
+    machine = b.arbiter.machine
+    assert (machine.mode, machine.cause) == (mode, cause)
+    assert machine.who == ("anna" if cause is Cause.STOP_HEARD else "operator")
 
 
 @pytest.mark.requirement("S25")

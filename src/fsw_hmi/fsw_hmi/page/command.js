@@ -60,15 +60,19 @@ export class Commands {
     const { live } = this.connection;
     this.#showControl(live);
     const stopped = state.actual_mode === "safe_stop" && !state.acknowledged;
-    permit(this.acting, this.lack);
+    const nobody = this.lack || (state.known ? "" : "No supervisor reports.");
+    const [points, controller, mode] = this.acting;
     const runs = progress?.state === "running";
+    permit([points], nobody || (runs && !progress.left ? "The programme runs: hold the weld first." : ""));
+    permit([controller], nobody);
+    permit([mode], nobody || (stopped ? "Acknowledge the stop first." : ""));
     const held = progress?.state === "held";
     const none = this.lack || (runs || held ? "" : "No programme of a weld runs.");
     const [hold, resumed, abort] = this.welding;
     permit([hold], none || (runs ? "" : "The weld is held already."));
     permit([resumed], none || (held || progress?.left ? "" : "The programme runs with its own set-points."));
     permit([abort], none);
-    permit([this.acknowledgeStop], this.lack || (stopped ? "" : "There is no safe stop to acknowledge."));
+    permit([this.acknowledgeStop], nobody || (stopped ? "" : "There is no safe stop to acknowledge."));
     this.stop.disabled = !live && !hello; // once connected, it waits for the connection
     const waits = performance.now() < this.#stopsUntil;
     if (this.stop.lastChild) setText(this.stop.lastChild, live ? "Ctrl + ." : `${waits ? "waits for the connection" : "not connected"}: stop at the machine`);

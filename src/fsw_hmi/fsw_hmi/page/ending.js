@@ -5,9 +5,11 @@ import { clock, fixed, known, lasting, SIGN } from "./format.js";
   none: ["medium", "not recorded"],
   recording: ["good", "recording"],
   incomplete: ["medium", "recording with gaps"],
+  paused: ["medium", "recorder paused"],
   failed: ["high", "recording failed"],
   silent: ["high", "recorder silent"],
   closed: ["good", "bag closed"],
+  closed_with_gaps: ["medium", "bag closed, with gaps"],
 };
 const VERDICT = { accept: "accept", review: "to be reviewed", reject: "reject" };
 const OVER = ["done", "aborted"];
