@@ -191,7 +191,7 @@ def assemble(
         parameters_sha256=evidence.parameters,
         attachments_sha256={name: sha256(data) for name, data in signals.attachments.items()},
         footprints_sha256=signals.footprints_sha256,
-        cannot_say=tuple(_cannot_say(signals, custom, evidence)),
+        cannot_say=tuple(_cannot_say(signals, procedure, evidence)),
         exceedances=tuple(account.exceedances),
         missing=course.missing,
         unusable=evidence.unusable,
@@ -355,14 +355,17 @@ def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfCo
 
 
 def _cannot_say(
-    signals: WeldSignals, custom: Mapping[str, str], evidence: Evidence
+    signals: WeldSignals, procedure: Procedure, evidence: Evidence
 ) -> Iterator[Fact]:
+    custom = signals.custom
     for topic, code in _SAYS.items():
         if not signals.counts.get(topic):
             yield Fact.of(code, topic=topic)
     yield from (Fact.of(FactCode.DAMAGE, problem=problem) for problem in signals.problems)
     if unknown := [key for key in IDENTITY if key not in custom]:
         yield Fact.of(FactCode.NOT_GIVEN, keys=unknown)
+    if "machine" not in custom:
+        yield Fact.of(FactCode.MACHINE_NOT_COMPARED, id=procedure.machine.name)
     if "versions.json" not in signals.attachments:
         yield Fact.of(FactCode.NO_VERSIONS)
     if evidence.lost is None:
