@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -288,10 +288,14 @@ def estimated(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     for one in getattr(message, "estimates", ()):
         numbers = {name: getattr(one, name) for name in ("size", "error", "alarm_size")}
         estimate = Estimate.of_si(WatchCause(one.cause), NotJudged(one.reason), **numbers)
-        facts = {name: f"{value:.6g}" for name, value in numbers.items()}
-        if estimate.reason:
-            facts = {"not_judged": estimate.reason.word}
-        words = f"{estimate.name}: {estimate.text}"
+        facts = {
+            name: f"{value:.6g}" if isinstance(value, float) else str(value)
+            for name, value in estimate.numbers.items()
+            if value is not None
+        }
+        words = f"{estimate.name}: {estimate.text}" + " (± 2 standard errors)" * (
+            not estimate.reason
+        )
         time_s = _time_s(signals, message)
         found.append(WeldEvent(time_s, "estimate", estimate.cause.word, detail=words, data=facts))
     return found
@@ -354,9 +358,7 @@ def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfCo
     return found
 
 
-def _cannot_say(
-    signals: WeldSignals, procedure: Procedure, evidence: Evidence
-) -> Iterator[Fact]:
+def _cannot_say(signals: WeldSignals, procedure: Procedure, evidence: Evidence) -> Iterator[Fact]:
     custom = signals.custom
     for topic, code in _SAYS.items():
         if not signals.counts.get(topic):

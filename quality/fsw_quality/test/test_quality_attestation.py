@@ -413,7 +413,12 @@ def test_a_bag_whose_recorder_was_killed_is_attested_as_such(shop: Shop) -> None
     unsigned = {Code.NO_MANIFEST, Code.MANIFEST_UNSIGNED, Code.PROCEDURE_ABSENT}
     assert set(shop.refused(9, shop.policy(require_signed=True))) == unsigned
     noted = {entry.code for entry in shop.attest(9).notes}
-    assert noted == {*unsigned, Unchecked.BAG_DAMAGED, Unchecked.CLOCK_UNKNOWN, Unchecked.NO_RECORD}
+    assert noted == {
+        *unsigned,
+        Unchecked.BAG_DAMAGED,
+        Unchecked.CLOCK_UNKNOWN,
+        Unchecked.NO_RECORD,
+    }
     assert shop.codes(9) == []
     assert noted <= {entry.code for entry in shop.verified(9).not_checked}
     file.write_bytes(file.read_bytes()[:-1])
