@@ -1,6 +1,7 @@
 """Clicking in the page against a real graph: processes, DDS and a browser."""
 
 import re
+import time
 
 import pytest
 from playwright.sync_api import expect
@@ -11,7 +12,7 @@ from fsw_scenario.scenario_file import parse
 from fsw_test_support.browser import shot
 from fsw_test_support.page_steps import DRAWN_AHEAD, band_pixels, in_control, press, until
 from fsw_test_support.patient_weld import PATIENT_ARGUMENTS, PatientWeld
-from fsw_test_support.waiting import wait_for_text
+from fsw_test_support.waiting import PATIENCE_S, wait_for_text
 
 #: what cools and rises in a stop until it is acknowledged, is no further cause to stop
 WIDE = {
@@ -72,19 +73,25 @@ def fault(launcher, *arguments):
 
 def hold_after_stop(page):
     """Acknowledge a stop and ask for hold, again if a tick missed meanwhile has demanded another acknowledgement."""
-    acknowledge, form = page.get_by_role("button", name="Acknowledge stop"), page.locator("dialog")
-    while True:
+    acknowledge = page.get_by_role("button", name="Acknowledge stop")
+    mode = page.get_by_role("button", name="Mode", exact=True)
+    form, end_s = page.locator("dialog"), time.monotonic() + PATIENCE_S
+    while time.monotonic() < end_s:
         if acknowledge.is_enabled():
             acknowledge.click()
             expect(acknowledge).to_be_disabled()
-        press(page, "Mode")
-        form.get_by_label("hold").check()
-        press(page, "Change mode")
-        refused = form.get_by_text("refused")
-        expect(page.locator("body:not(:has(dialog))").or_(refused)).to_have_count(1)
-        if not refused.count():
-            return
-        press(page, "Cancel")
+        elif mode.is_enabled():
+            mode.click()
+            form.get_by_label("hold").check()
+            press(page, "Change mode")
+            refused = form.get_by_text("refused")
+            expect(page.locator("body:not(:has(dialog))").or_(refused)).to_have_count(1)
+            if not refused.count():
+                return
+            press(page, "Cancel")
+        else:
+            page.wait_for_timeout(20)
+    pytest.fail("hold was refused all the time")
 
 
 def test_set_points_swap_and_safe_stop_by_clicking(address, open_page):

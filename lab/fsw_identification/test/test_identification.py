@@ -437,6 +437,12 @@ def test_failed_estimate_is_an_input_error(monkeypatch: pytest.MonkeyPatch) -> N
         estimation.identify([only(weld(seconds=40.0))])
 
 
+def test_dead_time_beyond_the_models_range_is_refused_not_clipped() -> None:
+    longest = ModelParameters(dead_time_s=10.0)
+    with pytest.raises(InputError, match="dead_time_s"):
+        estimation.identify([only(weld(seconds=40.0))], longest)
+
+
 @pytest.mark.slow
 def test_nothing_is_identifiable_at_rest() -> None:
     signals = weld(seconds=60.0)

@@ -118,6 +118,17 @@ class Finding:
         return _TEXTS[self.cause.word].action
 
     @property
+    def unit(self) -> str:
+        """Unit in which people read the size; empty of a number of spikes."""
+        return _TEXTS[self.cause.word].unit
+
+    @property
+    def scaled(self) -> tuple[float, float]:
+        """Size and its standard error in that unit."""
+        factor = _TEXTS[self.cause.word].factor
+        return factor * self.size, factor * self.error
+
+    @property
     def si(self) -> tuple[float, float]:
         """Size and error in SI units."""
         factor = _TEXTS[self.cause.word].si
@@ -184,10 +195,20 @@ class Estimate:
             return "no size" if self.alarm_size > 0.0 else ""
         return f"{text.factor * self.alarm_size:{text.digits.lstrip('+')}} {text.unit}"
 
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """The estimate by name, ready for JSON; without a size where nothing would be an alarm."""
+        if self.reason:
+            return {"not_judged": self.reason.word}
+        size, error, alarm_size = self.scaled
+        alarm = {"alarm_size": alarm_size if isfinite(alarm_size) else None}
+        return {"size": size, "standard_error": error, **alarm, "unit": self.unit}
+
 
 def _shown(cause: WatchCause, size: float, error: float) -> str:
     text = _TEXTS[cause.word]
-    shown = f"{text.factor * size:{text.digits}}"
+    # z: no sign of a size that is rounded to 0
+    shown = f"{text.factor * size:{text.digits.replace('.', 'z.')}}"
     if isfinite(error):
         shown += f" ± {2.0 * text.factor * error:{text.digits.lstrip('+')}}"
     return f"{shown} {text.unit}".rstrip()
@@ -198,7 +219,7 @@ class _Text(Model):
     cause: str
     action: str
     unit: str = ""
-    """behind a size; without one, the text of the cause names it"""
+    """behind a size"""
     factor: float = 1.0
     """from the paper's unit, per second, to that of the text"""
     si: float = 1.0

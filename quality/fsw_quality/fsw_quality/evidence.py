@@ -28,8 +28,14 @@ from fsw_recorder.signature import Purpose, Signer, Statement, TrustedKey
 if TYPE_CHECKING:  # from the extra signing
     from securesystemslib.signer import CryptoSigner
 
-#: faults only where signatures are required
-_UNSIGNED = {Code.MANIFEST_UNSIGNED, Code.PROCEDURE_UNSIGNED, Code.PROCEDURE_ABSENT}
+#: Faults only where signatures are required. Without them a bag with no manifest, whose recorder was
+#: killed, is proven by no less than one with an unsigned manifest, which anybody can write
+_UNSIGNED = {
+    Code.NO_MANIFEST,
+    Code.MANIFEST_UNSIGNED,
+    Code.PROCEDURE_UNSIGNED,
+    Code.PROCEDURE_ABSENT,
+}
 #: fields of a record that the bag alone does not give, and what is noted of them
 _BESIDE: dict[str, Unchecked | None] = {
     "bag": None,

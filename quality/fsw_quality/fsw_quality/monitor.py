@@ -93,6 +93,7 @@ class ProcessWatch:
         self, parameters: ModelParameters, covariance: FloatArray, known_heat: bool
     ) -> None:
         self._p = parameters
+        self._known_heat = known_heat
         self._faults = list(SIZES)
         self._judged = np.array([known_heat or one not in OF_HEAT for one in self._faults])
         self._harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
@@ -199,8 +200,9 @@ class ProcessWatch:
         self._traces.begin(place)
 
     def gains(self) -> dict[str, tuple[float, float]]:
-        """Gains relative to the model's, each with its standard error."""
-        return self.healthy.gains(self.residuals.gains().process_nm)
+        """Gains relative to the model's, each with its standard error; that of the heat only where it is known."""
+        gains = self.healthy.gains(self.residuals.gains().process_nm)
+        return {name: gain for name, gain in gains.items() if name != "heat" or self._known_heat}
 
     def information(self, cause: WatchCause, onset_s: float) -> float:
         """Inverse variance of a fault's size, by what was measured since the onset nearest to a time."""

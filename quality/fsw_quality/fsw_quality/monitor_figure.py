@@ -42,7 +42,8 @@ def draw(watched: Watched, title: str, file: Path) -> None:
         axes[3].annotate(
             "alarm", (1.0, ALARM), xycoords=("axes fraction", "data"), ha="right", va="bottom"
         )
-        axes[3].set_ylabel("log likelihood\nratio")
+        axes[3].set_ylabel("evidence\n[log likelihood]")
+        axes[3].set_title("evidence of the likeliest fault", fontsize=9.0, loc="left")
         axes[3].set_ylim(0.0, max(1.5 * ALARM, min(max(watched.ratios), 5.0 * ALARM)))
         for one in watched.alarms:
             width = (one.end_s - one.begin_s) / 60.0
@@ -56,9 +57,15 @@ def draw(watched: Watched, title: str, file: Path) -> None:
         axes[4].set_xlabel("time [min]")
         left.align_ylabels(axes[:4])
         faults = list(zip(*watched.estimates, strict=True))
+        right.suptitle(
+            "size of each fault if it alone has been there for a minute, ± 2 standard errors\n"
+            "(dashed: would be an alarm after a minute)",
+            fontsize=9.0,
+        )
         panels = right.subplots(len(faults), 1, sharex=True, squeeze=False)[:, 0]
         for panel, fault in zip(panels, faults, strict=True):
             _estimates(panel, minutes, fault)
+        panels[-1].set_xlim(axes[0].get_xlim())
         panels[-1].set_xlabel("time [min]")
 
 

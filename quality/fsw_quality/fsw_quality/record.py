@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -191,7 +191,7 @@ def assemble(
         parameters_sha256=evidence.parameters,
         attachments_sha256={name: sha256(data) for name, data in signals.attachments.items()},
         footprints_sha256=signals.footprints_sha256,
-        cannot_say=tuple(_cannot_say(signals, custom, evidence)),
+        cannot_say=tuple(_cannot_say(signals, procedure, evidence)),
         exceedances=tuple(account.exceedances),
         missing=course.missing,
         unusable=evidence.unusable,
@@ -288,10 +288,14 @@ def estimated(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     for one in getattr(message, "estimates", ()):
         numbers = {name: getattr(one, name) for name in ("size", "error", "alarm_size")}
         estimate = Estimate.of_si(WatchCause(one.cause), NotJudged(one.reason), **numbers)
-        facts = {name: f"{value:.6g}" for name, value in numbers.items()}
-        if estimate.reason:
-            facts = {"not_judged": estimate.reason.word}
-        words = f"{estimate.name}: {estimate.text}"
+        facts = {
+            name: f"{value:.6g}" if isinstance(value, float) else str(value)
+            for name, value in estimate.numbers.items()
+            if value is not None
+        }
+        words = f"{estimate.name}: {estimate.text}" + " (± 2 standard errors)" * (
+            not estimate.reason
+        )
         time_s = _time_s(signals, message)
         events.append(WeldEvent(time_s, "estimate", estimate.cause.word, detail=words, data=facts))
     return events
@@ -354,15 +358,16 @@ def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfCo
     return times
 
 
-def _cannot_say(
-    signals: WeldSignals, custom: Mapping[str, str], evidence: Evidence
-) -> Iterator[Fact]:
+def _cannot_say(signals: WeldSignals, procedure: Procedure, evidence: Evidence) -> Iterator[Fact]:
+    custom = signals.custom
     for topic, code in _SAYS.items():
         if not signals.counts.get(topic):
             yield Fact.of(code, topic=topic)
     yield from (Fact.of(FactCode.DAMAGE, problem=problem) for problem in signals.problems)
     if unknown := [key for key in IDENTITY if key not in custom]:
         yield Fact.of(FactCode.NOT_GIVEN, keys=unknown)
+    if "machine" not in custom:
+        yield Fact.of(FactCode.MACHINE_NOT_COMPARED, id=procedure.machine.name)
     if "versions.json" not in signals.attachments:
         yield Fact.of(FactCode.NO_VERSIONS)
     if evidence.lost is None:

@@ -406,12 +406,27 @@ def test_a_crash_while_attesting_is_mended_by_the_same_call(
     assert shop.codes(9) == [] and shop.chain_codes() == []
 
 
-def test_a_bag_whose_recorder_died_is_not_attested(shop: Shop) -> None:
+def test_a_bag_whose_recorder_was_killed_is_attested_as_such(shop: Shop) -> None:
+    """It is noted, and refused where signatures are required; what is changed afterwards is found."""
     shop.weld(9, manifest=False)
     (shop.bag(9) / "metadata.yaml").unlink()
     file = shop.bag(9) / "weld_9_0.mcap"
     file.write_bytes(file.read_bytes()[:-300])
-    assert shop.refused(9) == [Code.NO_MANIFEST]
+    unsigned = {Code.NO_MANIFEST, Code.MANIFEST_UNSIGNED, Code.PROCEDURE_ABSENT}
+    assert set(shop.refused(9, shop.policy(require_signed=True))) == unsigned
+    noted = {entry.code for entry in shop.attest(9).notes}
+    assert noted == {
+        *unsigned,
+        Unchecked.BAG_DAMAGED,
+        Unchecked.CLOCK_UNKNOWN,
+        Unchecked.NO_RECORD,
+    }
+    assert shop.codes(9) == []
+    assert noted <= {entry.code for entry in shop.verified(9).not_checked}
+    file.write_bytes(file.read_bytes()[:-1])
+    assert shop.codes(9) == [Code.CHANGED_SINCE]
+    shutil.copyfile(shop.bag(1) / MANIFEST_NAME, shop.bag(9) / MANIFEST_NAME)
+    assert set(shop.codes(9)) == {Code.CHANGED_SINCE, Code.NOT_ATTESTED}
 
 
 def test_a_bag_of_which_the_recorder_did_not_hash_all(shop: Shop) -> None:
@@ -430,7 +445,7 @@ def test_a_manifest_made_after_bag_recover_is_refused(shop: Shop) -> None:
     recover(shop.bag(9), shop.folder / "copy", stop_ns=sample_messages(20).__next__()[1] + 10**9)
     shutil.rmtree(shop.bag(9))
     (shop.folder / "copy").rename(shop.bag(9))
-    assert set(shop.refused(9)) == {Code.NO_MANIFEST, Code.RECOVERED}
+    assert shop.refused(9) == [Code.RECOVERED]
     # with a manifest as a recorder writes it
     recover(shop.bag(9), shop.bag(10), WriterOptions(manifest=True))
     assert shop.refused(10) == [Code.RECOVERED]

@@ -157,7 +157,7 @@ def test_what_the_watch_tells_is_on_record_once_each(
 
 @pytest.mark.parametrize("home", ["", "/cell1"])
 def test_last_estimates_of_the_monitor_are_on_record(tmp_path: Path, home: str) -> None:
-    """Each as an event with its numbers in SI units; of what was not judged, why. An older monitor has none."""
+    """Each as an event with its numbers in a unit that is named; of what was not judged, why. An older monitor has none."""
     kind, definitions = "fsw_msgs/msg/WeldHealth", Definitions()
     weld, definition = replace(good_weld(), namespace=home), interface_definition(kind)
     wear = {"cause": 45, "size": 0.01, "error": 0.002, "alarm_size": math.inf}
@@ -176,8 +176,9 @@ def test_last_estimates_of_the_monitor_are_on_record(tmp_path: Path, home: str) 
     with BagReader(tmp_path / "bag") as reader:
         found = estimated(reader, weld)
         assert estimated(reader, replace(weld, namespace="/cell3")) == []
+    of_wear = {"size": "0.6", "standard_error": "0.12", "unit": "N·m/min"}
     assert [(round(one.time_s, 6), one.kind, one.subject, one.data) for one in found] == [
-        (2.1, "estimate", "tool_wear", {"size": "0.01", "error": "0.002", "alarm_size": "inf"}),
+        (2.1, "estimate", "tool_wear", of_wear),
         (2.1, "estimate", "heat_gain", {"not_judged": "heat_unknown"}),
     ]
     assert "+0.6 ± 0.2 N·m/min" in found[0].text

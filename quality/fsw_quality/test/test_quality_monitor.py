@@ -34,6 +34,7 @@ from fsw_quality.likelihood import (
 from fsw_quality.monitor import ALARM, PROCESSES, Monitor, Sample
 from fsw_quality.residuals import COEFFICIENTS, HEAT, TORQUE, ModelResiduals, Values
 from fsw_quality.sensor_health import Detached, SensorHealth
+from fsw_quality.signatures import SIZES
 from fsw_test_support.watched_weld import drifting, noise, samples
 
 GOOD = samples()
@@ -320,6 +321,22 @@ def test_gains_are_those_of_the_process() -> None:
         assert abs(estimated - gain) < 3.0 * error and error < 0.06
 
 
+@pytest.mark.parametrize("cause", SIZES)
+def test_size_has_one_meaning_in_words_numbers_and_si(cause: WatchCause) -> None:
+    """Words show twice the standard error, in the unit of the numbers; nothing is shown as -0."""
+    estimate = Estimate(cause, 2.0, 1.0, 3.0)
+    size, error, alarm_size = estimate.scaled
+    numbers = {"size": size, "standard_error": error, "alarm_size": alarm_size}
+    assert estimate.numbers == {**numbers, "unit": estimate.unit} and estimate.unit
+    shown, _, rest = estimate.text.partition(" ± ")
+    twice, _, unit = rest.partition(" ")
+    assert unit == estimate.unit
+    assert float(shown) == pytest.approx(size, rel=0.5)
+    assert float(twice) == pytest.approx(2.0 * error, rel=0.5)
+    assert Estimate.of_si(cause, NotJudged.NONE, **estimate.si).size == pytest.approx(2.0)
+    assert Estimate(cause, -1e-9, 0.01).text == Estimate(cause, 0.0, 0.01).text
+
+
 # ---------------------------------------------------------------- sensors
 
 
@@ -548,7 +565,8 @@ def test_every_cause_has_words(cause: WatchCause) -> None:
     estimate = Estimate(cause, 1.0, 0.1, 2.0)
     again = Estimate.of_si(cause, NotJudged.NONE, **estimate.si)
     assert again.scaled == pytest.approx(estimate.scaled)
-    assert bool(estimate.unit) == cause.of_process and estimate.text in finding.text
+    assert estimate.text in finding.text and finding.unit == estimate.unit
+    assert bool(estimate.unit) != cause.word.endswith("spikes"), "those are counted"
 
 
 @pytest.mark.parametrize(

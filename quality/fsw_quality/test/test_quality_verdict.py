@@ -569,6 +569,9 @@ def test_tool_and_machine_are_compared_with_the_weld(
     procedure = short_procedure(tool=PROCEDURE.tool.model_dump(exclude_none=True) | tool)
     record = judged(good_weld(), procedure, COMPLETE | custom)
     assert {rule.name for rule in record.rules if rule.verdict is not Verdict.ACCEPT} == broken
+    is_compared = any(rule.name == "machine" for rule in record.rules)
+    assert is_compared == ("machine" in custom)
+    assert is_compared != (FactCode.MACHINE_NOT_COMPARED in unknown(record))
 
 
 def test_what_else_is_known_of_a_weld_is_in_its_record() -> None:

@@ -36,9 +36,14 @@ def test_monitor_of_a_bag_estimates_what_it_judges_and_says_what_not(tmp_path, c
     figure, figures = tmp_path / "figure.svg", tmp_path / "told.json"
     words = ["monitor", str(BAG), "--process", "canister", "--figure", str(figure)]
     assert main([*words, "--json", str(figures)]) == 0
-    told = json.loads(figures.read_text())["estimates"]
+    content = json.loads(figures.read_text())
+    told = content["estimates"]
     assert {name for name, one in told.items() if "not_judged" in one} == LEFT_OUT
-    assert all(one["error"] > 0.0 for name, one in told.items() if name not in LEFT_OUT)
+    assert content["gains"].keys() == {"torque", "depth"}, "that of the heat is not known, either"
+    judged = {name: one for name, one in told.items() if name not in LEFT_OUT}
+    assert all(one["standard_error"] > 0.0 for one in judged.values())
+    assert judged["thermocouple_drift"]["unit"] == "°C/min"
+    assert {one["unit"] for one in judged.values()} >= {"mm/min", "kN", "N·m", "%"}
     out = capsys.readouterr().out
     assert out.count(NotJudged.HEAT_UNKNOWN.word.replace("_", " ")) == 2
 

@@ -82,6 +82,10 @@ class FactCode(Worded):
         f"whether there were alarms: the operator's page, which reports them, was not recorded {_ABSENT}",
     )
     DAMAGE = "damage", "{problem}: what was there is not known"
+    MACHINE_NOT_COMPARED = (
+        "machine_not_compared",
+        "whether it was the machine of the procedure, {id}: none was given to the recorder",
+    )
     NOT_GIVEN = "not_given", "{keys}: not given to the recorder (parameter custom_data)"
     NO_VERSIONS = "no_versions", "software versions (versions.json is not in the bag)"
     NO_PROCEDURE = (

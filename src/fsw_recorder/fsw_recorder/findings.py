@@ -26,12 +26,14 @@ class Code(Worded):
     CHANGED = "changed", "{place}is not what was recorded"
     NO_MANIFEST = (
         "no_manifest",
-        "the recorder did not write one: it was killed before, or had none to write",
+        "the recorder did not write one, e.g. because it was killed: what happened to the bag "
+        "before it was attested is not known",
     )
     HASHED_AFTERWARDS = "hashed_afterwards", f"hashed after the recording; {_BEFORE}"
     RECOVERED = (
         "recovered",
-        "is of a copy that 'bag recover' made of {source}; what was lost is not known",
+        "is of a copy that 'bag recover' made; what was lost is not known: attest the bag itself, "
+        "{source}",
     )
     # signatures and keys
     NOT_SIGNED = "not_signed", "has no signature"

@@ -12,7 +12,6 @@ from fsw.console import ProgressBar, print_table
 from fsw.outputs import check_new, write_json
 from fsw_hmi.alarm_texts import ACTIONS
 from fsw_model import ModelParameters
-from fsw_quality.diagnosis import Estimate
 from fsw_quality.likelihood import covariance_from
 from fsw_quality.monitor import PROCESSES, Monitor
 from fsw_quality.monitor_figure import draw
@@ -58,25 +57,18 @@ def monitor(arguments: argparse.Namespace) -> int:
     }
     intervals = {"alarms": watched.alarms, "others": watched.others}
     found = {name: [_json(one) for one in some] for name, some in intervals.items()}
-    estimates = {one.cause.word: _estimate(one) for one in watched.estimates[-1]}
+    estimates = {one.cause.word: one.numbers for one in watched.estimates[-1]}
     content = {"process": process, **found, "estimates": estimates, "gains": gains}
     write_json(arguments.json, content)
     return 0
 
 
-def _estimate(one: Estimate) -> dict[str, object]:
-    if one.reason:
-        return {"not_judged": one.reason.word}
-    # no size is an alarm where it is infinite
-    alarm_size = one.alarm_size if isfinite(one.alarm_size) else None
-    return {"size": one.size, "error": one.error, "alarm_size": alarm_size}
-
-
 def _json(one: Interval) -> dict[str, object]:
     finding = one.finding
+    size, error = finding.scaled
     numbers = {
-        "size": finding.size,
-        "error": finding.error,
+        "size": size,
+        "standard_error": error,
         "log_likelihood": finding.log_likelihood,
     }
     return {
@@ -85,6 +77,7 @@ def _json(one: Interval) -> dict[str, object]:
         "cause": finding.cause.word,
         "others": [other.word for other in finding.others],
         **{name: value if isfinite(value) else None for name, value in numbers.items()},
+        "unit": finding.unit,
     }
 
 
@@ -101,7 +94,10 @@ def _print(watched: Watched, process: str) -> None:
         (one.name, one.text, "x" if one.is_distinct else "", one.alarm_text)
         for one in watched.estimates[-1]
     ]
-    print("estimated at the end, each as if it were alone:")
+    print(
+        "estimated at the end, each as if it alone had been there for a minute; no claim that it is:"
+    )
     print_table(rows, ("fault", "size ± 2 standard errors", "not 0", "alarm in a minute from"))
+    print("gains of this weld relative to the model's, ± 2 standard errors:")
     for name, (gain, error) in watched.gains.items():
-        print(f"gain of {name}: {gain:.1%} ± {2.0 * error:.1%} of the model's")
+        print(f"{name}: {gain:.1%} ± {2.0 * error:.1%}")
