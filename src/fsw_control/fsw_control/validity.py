@@ -30,6 +30,9 @@ _DEVIATIONS = 3.0
 _LEAST_ELAPSED_S = 0.05
 #: samples over which the noise and the share of equal neighbours are averaged
 _MEMORY = 150
+#: share of changes larger than a step from which on the noise is large beside it (chosen: one
+#: spike, of two changes, is fewer)
+_SKIPPING = 0.015
 #: share of the expected noise below which changes are rounding or quantisation, not noise (chosen)
 _QUIET_SHARE = 0.2
 
@@ -119,6 +122,7 @@ class Frozen:
         self._reversed = 0.0
         self._change = 0.0  # mean, of neighbours that differ
         self._step = math.inf  # smallest change: the resolution, if the sensor is quantised
+        self._far = 0.0  # share of the changes that are larger than a step
 
     def update(self, value: float, samples: int, noise: float = 0.0) -> bool:
         """Take the next sample; return whether the sensor is frozen.
@@ -144,6 +148,7 @@ class Frozen:
             self._reversed += ((rising != self._rising) - self._reversed) * weight
             self._change += (abs(value - last) - self._change) * weight
             self._step = min(self._step, abs(value - last))
+            self._far += ((abs(value - last) > 1.5 * self._step) - self._far) * weight
         self._rising, self._last = rising, value
         return False
 
@@ -176,8 +181,9 @@ class Frozen:
         deviation = math.sqrt(likely * (1.0 - likely) / (2.0 * self._count))
         share = min(likely + _DEVIATIONS * deviation, _LARGEST_SHARE)
         # What was learnt at the edge between two steps does not hold in the middle of one: there a
-        # sample changes only if the noise exceeds half a step.
-        if noise > 0.0:
+        # sample changes only if the noise exceeds half a step. Not so where samples skip a step,
+        # which noise of that size hardly does: then the noise is larger than expected.
+        if noise > 0.0 and self._far <= _SKIPPING:
             share = max(share, math.erf(self._step / (math.sqrt(8.0) * noise)) ** 2)
         return share < 1.0 and self._run >= math.log(_CHANCE) / math.log(share)
 

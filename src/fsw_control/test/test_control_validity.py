@@ -209,6 +209,15 @@ def test_freeze_in_steps_is_found_where_noise_would_show(quantum, latest):
     assert [frozen.update(values[-1], 10, 0.1) for _ in range(400)].index(True) < latest
 
 
+@pytest.mark.requirement("S8")
+@pytest.mark.parametrize(("quantum", "latest"), [(0.5, 40), (1.0, 100)])
+def test_freeze_is_found_where_noise_is_larger_than_expected(quantum, latest):
+    for seed in range(6):
+        frozen, values = Frozen(), drifting(quantum, 0.4, seed)[: 1500 + 137 * seed]
+        assert not any(frozen.update(value, 10, 0.1) for value in values)
+        assert [frozen.update(values[-1], 10, 0.1) for _ in range(latest)][-1]
+
+
 def test_still_or_smooth_signals_without_noise_are_no_freeze():
     frozen = Frozen()
     still = [2.66] * 500

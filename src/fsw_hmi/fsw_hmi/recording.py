@@ -34,6 +34,8 @@ _OF_LEVEL = {
 }
 #: codes of a recorder that writes nothing: by a request, or until there is something
 _PAUSED = (Note.PAUSED, Note.AWAITED)
+#: a recorder that ends closes its bag within this time (chosen)
+_CLOSING_S = 10.0
 
 
 class Recording:
@@ -50,6 +52,7 @@ class Recording:
         self._weld_s = self._recorded_s = nan  # times of the weld: now, and of the last report
         self._open_s: float | None = None  # begin of the gap that lasts
         self._missing = 0
+        self._lacks = self._failed = self._empty = False  # the bag of the last report
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
@@ -64,16 +67,22 @@ class Recording:
         """
         before, self._weld_s = self.state, weld_s
         if level in _OF_LEVEL:
+            if values.get("bag") != self._values.get("bag"):
+                self._lacks = self._failed = False
             self._values = values
             self.state = RecordingState.PAUSED if code in _PAUSED else _OF_LEVEL[level]
+            self._failed = self._failed or self.state is RecordingState.FAILED
+            self._lacks = self._lacks or self.state is RecordingState.INCOMPLETE
+            self._empty = code == Note.AWAITED
         elif before is not RecordingState.NONE:
             closed = _is_complete(self._values.get("bag", ""))
             self.state = RecordingState.CLOSED if closed else RecordingState.SILENT
-        self._note_gap(self.state is RecordingState.SILENT or code == Note.PAUSED)
-        incomplete = (RecordingState.INCOMPLETE, RecordingState.CLOSED_WITH_GAPS)
+        silent = self.state in (RecordingState.SILENT, RecordingState.FAILED)
+        self._note_gap(silent or code == Note.PAUSED)
+        lacks = self._lacks or self._failed or self._empty or self.gaps
         if self.state is RecordingState.RECORDING and self._gaps:
             self.state = RecordingState.INCOMPLETE
-        elif self.state is RecordingState.CLOSED and (self.gaps or before in incomplete):
+        elif self.state is RecordingState.CLOSED and lacks:
             self.state = RecordingState.CLOSED_WITH_GAPS
 
     def _note_gap(self, is_open: bool) -> None:
@@ -82,9 +91,8 @@ class Recording:
         if is_open and (self._open_s is None or not isfinite(self._open_s)):
             self._open_s = self._recorded_s if isfinite(self._recorded_s) else self._weld_s
         elif not is_open and self._open_s is not None:
-            if (
-                self.state is not RecordingState.CLOSED
-            ):  # else it was silent while it closed its bag
+            closing = self._weld_s - self._open_s <= _CLOSING_S and not self._failed
+            if not closing or self.state is not RecordingState.CLOSED:
                 self._add_gap(self._open_s)
             self._open_s = None
         elif missing > self._missing:

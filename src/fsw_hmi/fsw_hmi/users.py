@@ -12,7 +12,8 @@ from typing import Annotated, Any
 
 import yaml
 from argon2 import PasswordHasher, extract_parameters
-from argon2.exceptions import VerificationError, VerifyMismatchError
+from argon2.exceptions import VerificationError
+from argon2.low_level import error_to_str
 from pydantic import AfterValidator, TypeAdapter
 
 from fsw_control.coded import RefusedError, Worded
@@ -29,6 +30,7 @@ _LONGEST_BYTES = 1_000_000
 #: Argon2id with the library's time and memory (RFC 9106, second choice), in one thread: the one
 #: that steps back
 HASHER = PasswordHasher(parallelism=1)
+_NO_MEMORY = error_to_str(-22)  # ARGON2_MEMORY_ALLOCATION_ERROR
 
 
 class NameFlaw(Worded):
@@ -90,10 +92,10 @@ class Users:
         user = self._users.get(name.casefold())
         try:
             HASHER.verify(user.password if user else self._other, _bytes(password))
-        except VerifyMismatchError:
+        except VerificationError as error:  # without a code of its own
+            if str(error) == _NO_MEMORY:
+                raise MemoryError(_NO_MEMORY) from None
             return ""
-        except VerificationError as error:
-            raise MemoryError(str(error)) from None
         return user.name if user else name if self.kind == "token" else ""
 
 

@@ -108,6 +108,42 @@ def test_bag_that_is_closed_after_gaps_is_not_complete(values, tmp_path, reports
 
 
 @pytest.mark.parametrize(
+    "reports",
+    [
+        [("error", Note.FAILED)],
+        [("error", Note.FAILED), ("stale", Note.FAILED)],
+        [("warn", Note.AWAITED)],
+        [("ok", Note.RECORDING), *[("stale", Note.RECORDING)] * 20],
+    ],
+    ids=["failed", "failed and silent", "nothing was there", "silent for long"],
+)
+def test_bag_of_a_recorder_that_recorded_nothing_for_a_while_is_closed_with_gaps(
+    values, tmp_path, reports
+):
+    recording = Recording()
+    for weld_s, (level, code) in enumerate(reports, 1):
+        recording.look(level, code, values, float(weld_s))
+    (tmp_path / "metadata.yaml").touch()
+    for weld_s in (30.0, 31.0):
+        recording.look("stale", reports[-1][1], values, weld_s)
+        assert recording.state is RecordingState.CLOSED_WITH_GAPS
+
+
+def test_recorder_after_one_that_failed_leaves_a_gap_between_them(values):
+    recording = Recording()
+    for level, code, weld_s in (
+        ("ok", Note.RECORDING, 1.0),
+        ("error", Note.FAILED, 2.0),
+        ("error", Note.FAILED, 3.0),
+        ("ok", Note.RECORDING, 4.0),
+    ):
+        recording.look(level, code, values, weld_s)
+    assert recording.gaps == [(1.0, 4.0)]
+    recording.look("ok", Note.RECORDING, values | {"bag": "another"}, 5.0)
+    assert recording.state is RecordingState.INCOMPLETE
+
+
+@pytest.mark.parametrize(
     "odd",
     [
         {},

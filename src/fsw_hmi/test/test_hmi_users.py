@@ -153,6 +153,12 @@ def test_password_that_cannot_be_checked_for_want_of_memory_is_not_a_wrong_one(m
         known.check("anna", PASSWORD)
 
 
+def test_damaged_hash_knows_no_password():
+    anna = new_user("anna", PASSWORD)
+    damaged = anna.model_copy(update={"password": anna.password[:-1] + "!"})
+    assert Users([damaged]).check("anna", PASSWORD) == ""
+
+
 def test_unknown_name_costs_the_same_hash_as_a_known_one(monkeypatch):
     known, checked = Users([new_user("anna", PASSWORD)]), []
     genuine = users.HASHER

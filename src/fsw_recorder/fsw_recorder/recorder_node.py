@@ -61,6 +61,18 @@ class _Bag(NamedTuple):
     attachments: list[tuple[str, bytes]]
 
 
+def reported_state(
+    lacks: bool, is_paused: bool, awaited: Sequence[str], error: object | None
+) -> tuple[bytes, Fact]:
+    """Level and fact of the report; what keeps it from writing comes before what the bag lacks."""
+    if error is not None:
+        return ERROR, Fact.of(Note.FAILED, error=str(error))
+    if awaited:
+        return WARN, Fact.of(Note.AWAITED, topics=tuple(awaited))
+    note = Note.PAUSED if is_paused else Note.INCOMPLETE if lacks else Note.RECORDING
+    return WARN if lacks else OK, Fact.of(note)
+
+
 class RecorderNode(ManagedNode):
     """Node that records while it is active; see :class:`RecorderParameters`.
 
@@ -275,13 +287,8 @@ class RecorderNode(ManagedNode):
         if self._snapshots is not None and error is None:
             self._snapshots.look_for_nodes()
         counters, lost = self.writer.statistics(), self._lost()
-        level, fact = OK, Fact.of(Note.PAUSED if self.writer.is_paused else Note.RECORDING)
-        if lost or counters["dropped"] or self._left_out:
-            level, fact = WARN, Fact.of(Note.INCOMPLETE)
-        if self._awaited:
-            level, fact = WARN, Fact.of(Note.AWAITED, topics=tuple(self._awaited))
-        if error is not None:
-            level, fact = ERROR, Fact.of(Note.FAILED, error=str(error))
+        lacks = bool(lost or counters["dropped"] or self._left_out)
+        level, fact = reported_state(lacks, self.writer.is_paused, self._awaited, error)
         values = {
             "bag": self.writer.folder,
             "topics": len(self.subscriptions_by_topic),

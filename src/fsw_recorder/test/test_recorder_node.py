@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -25,7 +25,8 @@ from fsw_recorder.bag_file import BagFile
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
 from fsw_recorder.qos import is_latched, is_reliable
-from fsw_recorder.recorder_node import RecorderNode, main
+from fsw_recorder.recorder_node import RecorderNode, main, reported_state
+from fsw_recorder.recording import Note
 from fsw_test_support.bags import decoder
 from fsw_test_support.waiting import PATIENCE_S
 
@@ -193,6 +194,24 @@ def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) 
     assert (lost > 0) == any(
         number < max(came) for number in best_effort - came
     )  # known by what comes after it
+
+
+@pytest.mark.parametrize(
+    ("state", "level", "note"),
+    [
+        ((False, False, [], None), DiagnosticStatus.OK, Note.RECORDING),
+        ((True, False, [], None), DiagnosticStatus.WARN, Note.INCOMPLETE),
+        ((False, True, [], None), DiagnosticStatus.OK, Note.PAUSED),
+        ((True, True, [], None), DiagnosticStatus.WARN, Note.PAUSED),
+        ((True, True, ["/fsw/late"], None), DiagnosticStatus.WARN, Note.AWAITED),
+        ((True, True, ["/fsw/late"], "disk full"), DiagnosticStatus.ERROR, Note.FAILED),
+    ],
+)
+def test_report_says_first_what_keeps_a_recorder_from_writing(
+    state: Any, level: bytes, note: Note
+) -> None:
+    reported, fact = reported_state(*state)
+    assert (reported, fact.code) == (level, note)
 
 
 def test_services(graph: Any, tmp_path: Path) -> None:
