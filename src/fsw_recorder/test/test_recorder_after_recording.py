@@ -94,7 +94,9 @@ def test_the_recorder_starts_it_and_ends_at_once(graph: Any, tmp_path: Path) -> 
     arguments = [word for setting in words for word in ("-p", setting)]
     publisher = graph.node.create_publisher(String, "/x", 10)
     program = graph.start("fsw_recorder.recorder_node", "--ros-args", *arguments)
-    graph.until(lambda: publisher.get_subscription_count() or program.poll() is not None)
+    # the subscription alone may be one of an earlier test's recorder that is still known
+    file = bag / "bag_0.mcap"
+    graph.until(lambda: (publisher.get_subscription_count() and file.exists()) or program.poll())
     exit_code, output = graph.end(program, signal.SIGINT)
     assert exit_code == 0, output
     wait_until(lambda: done.exists() and done.read_text().endswith("]"), "the command")
