@@ -174,17 +174,7 @@ def test_record_and_pages_say_the_same_of_a_weld(
     assert (
         (recorded["level"] == "good") == (frame["level"] == "good") == (verdict is Verdict.ACCEPT)
     )
-    of_record = [
-        (
-            exceedance.kind,
-            exceedance.variable,
-            exceedance.begin_s,
-            exceedance.samples,
-            exceedance.missing,
-            exceedance.beyond,
-        )
-        for exceedance in record.exceedances
-    ]
+    of_record = outside(record)
     assert outside(running) == of_record and recorded["marks"] == frame["marks"]
     assert len(recorded["marks"]) == len(of_record) + len(record.unusable_at)
     assert ("frozen" in {one.flaw for one in record.unusable_at}) == (spoil is frozen)

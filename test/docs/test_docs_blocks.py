@@ -30,6 +30,7 @@ def test_each_page_is_of_a_file():
         if any(not block.file for block in doc_blocks.chosen(path))
     }
     assert {*ELSEWHERE} <= {path.stem for path in kinds}
+    assert {path.stem for path in doc_blocks.pages()} >= doc_blocks.MINUTES
     assert all((doc_blocks.WORKSPACE / test).is_file() for test in ELSEWHERE.values())
 
 

@@ -227,12 +227,9 @@ class AlarmRules:
             measuring and not starts and (now.command_age_s or 0.0) > self._setting("silence_s")
         )
         if never or silent or (age_s is not None and age_s > NO_REPORT_S):
-            silent_alarm = alarm("supervisor")
-            found["supervisor"] = (
-                replace(silent_alarm, on_s=_TAKEOVER_S)
-                if standby_ready(now.parts)
-                else silent_alarm
-            )
+            found["supervisor"] = alarm("supervisor")
+            if standby_ready(now.parts):
+                found["supervisor"] = replace(found["supervisor"], on_s=_TAKEOVER_S)
         if state is None or (age_s is not None and age_s > NO_REPORT_S):
             return
         for interlock in state["interlocks"]:

@@ -65,21 +65,24 @@ class Recording:
 
         ``weld_s`` is the time of the weld; NaN before the first tick.
         """
-        before, self._weld_s = self.state, weld_s
+        self._weld_s = weld_s
         if level in _OF_LEVEL:
             if values.get("bag") != self._values.get("bag"):
                 self._lacks = self._failed = False
             self._values = values
             self.state = RecordingState.PAUSED if code in _PAUSED else _OF_LEVEL[level]
             self._failed = self._failed or self.state is RecordingState.FAILED
-            self._lacks = self._lacks or self.state is RecordingState.INCOMPLETE
+            self._lacks = self._lacks or self.state in (
+                RecordingState.INCOMPLETE,
+                RecordingState.FAILED,
+            )
             self._empty = code == Note.AWAITED
-        elif before is not RecordingState.NONE:
+        elif self.state is not RecordingState.NONE:
             closed = _is_complete(self._values.get("bag", ""))
             self.state = RecordingState.CLOSED if closed else RecordingState.SILENT
         silent = self.state in (RecordingState.SILENT, RecordingState.FAILED)
         self._note_gap(silent or code == Note.PAUSED)
-        lacks = self._lacks or self._failed or self._empty or self.gaps
+        lacks = self._lacks or self._empty or self.gaps
         if self.state is RecordingState.RECORDING and self._gaps:
             self.state = RecordingState.INCOMPLETE
         elif self.state is RecordingState.CLOSED and lacks:

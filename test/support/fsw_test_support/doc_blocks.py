@@ -35,6 +35,9 @@ from fsw_test_support.waiting import PATIENCE_S, wait_until
 WORKSPACE = Path(__file__).resolve().parents[3]
 #: what commands name by its path in the workspace; all else is written into the page's folder
 LINKED = ("scripts", "src", "lab", "quality", "test", "examples", "benchmarks", "requirements")
+#: Pages that take one or two minutes each. CI runs them in a job of their own, so that ``.ci/run``
+#: ends within half an hour.
+MINUTES = {"canister-heat", "canister-weld", "history", "identify", "learn-heat", "record"}
 _COMMAND = re.compile(
     r"(\S*/)?(python3?|fsw|pip) |\S*/\S+\.py |(sed|echo|head|env|cmake|ros2|rosdep|colcon|fsw\.py) "
 )
@@ -141,11 +144,6 @@ def blocks(path: Path) -> list[Block]:
                 )
             )
     return result
-
-
-#: Pages that take one or two minutes each. CI runs them in a job of their own, so that ``.ci/run``
-#: ends within half an hour.
-MINUTES = {"canister-heat", "canister-weld", "history", "identify", "learn-heat", "record"}
 
 
 def pages(kind: str | None = None) -> list[Path]:
