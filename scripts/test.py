@@ -8,7 +8,7 @@ against the clock after the others. ``--full`` runs these, too: sanitizers, othe
 comparisons, tuning. ``--fast`` leaves out all tests marked as slow. ``--lint`` also runs ruff,
 mypy and, on the operator's page, tsc and ESLint, and builds the documentation. ``--core`` runs
 README's demo and the core's fast tests in a copy without quality and lab, and nothing else; with
-``--full`` the other tests follow.
+``--lint`` or ``--full`` the other tests follow.
 ``--oldest`` runs the tests of the packages that compute, draw and read bags in an environment of
 its own with the oldest supported versions of numpy, scipy, matplotlib, ... (Python 3.11); with
 ``--fast`` in a minute. Where pytest gets arguments (paths, -k, -m), the tests that these choose
@@ -108,10 +108,10 @@ def main() -> int:
         from _core import check
 
         codes.append(check(profile))
-        if not full:
+        if not full and "--lint" not in arguments:
             return codes[0]
         arguments.remove("--core")
-        chosen = " and not core"
+        chosen += " and not core"
     if OLDEST in arguments:
         chosen = "not slow and not full" if "--fast" in arguments else "not full"
         arguments = [one for one in arguments if one not in (OLDEST, "--fast")]
