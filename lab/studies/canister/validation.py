@@ -15,6 +15,7 @@ from fsw_control.weld import TICK_S
 from fsw_heat import load_or_reduce
 from fsw_heat.cache import projection_of
 from fsw_heat.compaction import TOLERANCE_K, compact_of
+from fsw_heat.heat_model import CanisterState, CompactCanister, HeatModel
 from fsw_heat.history import ToolCourse
 from fsw_heat.reduced import heated
 from fsw_identification.estimation import identify
@@ -22,7 +23,6 @@ from fsw_identification.weld_data import prepare
 from fsw_model import nominal
 from fsw_plant import PlantConfig
 from fsw_plant.canister import CanisterParameters
-from fsw_plant.compact_canister import CanisterState, CompactCanister, HeatModel
 from fsw_plant.process import reduced
 from fsw_plant.tool_path import ToolPath
 from fsw_scenario import scenario_file

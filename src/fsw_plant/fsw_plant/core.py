@@ -140,7 +140,7 @@ def _outputs_of(plant: Any) -> Outputs:
 def _off_copper(field: CanisterField) -> str:
     """That the tool is off the copper, and where that is."""
     try:
-        field.canister.checked(field.memory.axial_mm)
+        field.canister.parameters.checked(field.memory.axial_mm)
     except InputError as error:
         return str(error)
     return ""
