@@ -88,9 +88,9 @@ def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[Pha
             temperature_c - signals.reference_temperature_c,
             depth_mm - signals.reference_depth_mm,
         )
-        statistics = [ErrorStatistics.of(error[inside]) for error in errors]
+        first, second, third, fourth = (ErrorStatistics.of(error[inside]) for error in errors)
         mean_kw = None if of_power is None else of_power.mean
-        figures.append(PhaseFigures(label, phase, *statistics[:2], mean_kw, *statistics[2:]))
+        figures.append(PhaseFigures(label, phase, first, second, mean_kw, third, fourth))
     return figures
 
 

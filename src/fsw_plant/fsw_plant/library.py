@@ -58,8 +58,9 @@ def configure(plant: Any, config: PlantConfig) -> None:
     lib, part = KERNEL.lib, KERNEL.ffi.addressof
     limits = config.limits
     steps = (limits.force_step_kn, limits.speed_step_rpm)
+    lag = config["actuators.lag_s"], config["actuators.dead_time_ticks"]
     for drive, largest_step in zip(plant.drive, steps, strict=True):
-        lib.fsw_plant_drive_configure(part(drive), largest_step, *config.drives)
+        lib.fsw_plant_drive_configure(part(drive), largest_step, *lag)
     lib.fsw_plant_probe_configure(part(plant.probe), config["sensors.temperature_lag_s"])
     noises, names = noise_of(config), sensors_of(config)
     plant.sensors = len(names)
