@@ -128,7 +128,8 @@ def steps() -> dict[str, dict[str, Any]]:
     shapes = {"": own, ", default canister": CanisterParameters()}
     for words, parameters in shapes.items():
         courses |= {
-            f"{place}{words}": step_response(load_or_compact(parameters), z) for place, z in PLACES.items()
+            f"{place}{words}": step_response(load_or_compact(parameters), z)
+            for place, z in PLACES.items()
         }
     responses: dict[str, dict[str, Any]] = {
         name: {

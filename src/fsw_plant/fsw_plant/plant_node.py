@@ -36,12 +36,11 @@ from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig
 from fsw_plant.emulator import PlantEmulator, come_to_rest
-from fsw_plant.lockstep import Lockstep
+from fsw_plant.pace import Lockstep, TickStamps
 from fsw_plant.parameters import PlantParameters
 from fsw_plant.process import prepare
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.services_ros import PlantServices
-from fsw_plant.tick_stamps import TickStamps
 from fsw_plant.watchdog import WatchdogState
 
 _WATCH_S = 0.2
