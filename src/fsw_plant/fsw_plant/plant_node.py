@@ -146,8 +146,7 @@ class PlantNode(ManagedNode):
     # ---------------------------------------------------------------- ticks
 
     def _start_when_ready(self) -> None:
-        missing = self._missing()
-        if missing:
+        if missing := self._missing():
             now_s = time.monotonic()
             if now_s >= self._waiting_logged_s + self._settings["lockstep_timeout_s"]:
                 self._waiting_logged_s = now_s

@@ -13,6 +13,8 @@ from fsw_plant.watchdog import WatchdogState
 
 #: by the end of a field's name in `Truth`; the field of the message lacks that end
 _UNITS = {"mm": "mm", "c": "degC", "nm": "N m", "kw": "kW", "kn": "kN", "rpm": "rpm"}
+#: of the message, where it has another name
+_FIELDS = {"force": "axial_force", "speed": "spindle_speed"}
 
 
 class Note(Worded):
@@ -45,7 +47,7 @@ def truth_message(truth: Truth) -> PlantState:
     for name, value in truth._asdict().items():
         field, _, end = name.rpartition("_")
         if end in _UNITS:
-            setattr(message, field, units.to_si(value, _UNITS[end]))
+            setattr(message, _FIELDS.get(field, field), units.to_si(value, _UNITS[end]))
     return message
 
 

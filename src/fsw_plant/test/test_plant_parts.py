@@ -18,6 +18,7 @@ from fsw_plant.events import Disturbance, Fault, Sample
 from fsw_plant.library import KERNEL, Draws, model_of
 from fsw_plant.pace import JUMP_NS, NUDGE_NS, Lockstep, TickStamps
 from fsw_plant.parameters import PlantParameters
+from fsw_plant.reports_ros import truth_message
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
 TICK_NS = 100_000_000
@@ -500,3 +501,12 @@ def test_history_of_another_dead_time(oldest):
 
     assert refitted(30) == [history[0]] * 2 + history
     assert refitted(27) == history[1:]
+
+
+def test_truth_is_sent_in_si():
+    changed = {"depth_mm": 2.0, "force_kn": 80.0, "speed_rpm": 60.0, "process_power_kw": 44.0}
+    changed |= {"temperature_c": 820.0, "force_disturbance_kn": 0.3}
+    sent = truth_message(PlantEmulator().truth()._replace(**changed, refused_commands=3))
+    in_si = {"depth": 0.002, "axial_force": 8e4, "spindle_speed": 2.0 * pi, "process_power": 44e3}
+    in_si |= {"temperature": 820.0, "force_disturbance": 300.0, "refused_commands": 3}
+    assert {name: getattr(sent, name) for name in in_si} == pytest.approx(in_si)
