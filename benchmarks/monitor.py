@@ -27,7 +27,8 @@ import scipy
 from monitor_welds import CASES, DURATION_S, FAULT_S, IDENTIFIED, PROCESSES, identified, weld
 from report import parser, save, show
 
-from fsw_analysis.report import templates, wilson
+from fsw_analysis.report import templates
+from fsw_campaign.report import wilson
 from fsw_control.weld import TICK_S
 from fsw_quality.diagnosis import Estimate, WatchCause
 from fsw_quality.likelihood import default_covariance

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fsw_analysis.figure_style import CONTROLLERS, OTHERS, label_time, legend_below, sheet
-from fsw_analysis.figures import Run, draw_outputs
+from fsw_analysis.figures import Run, page
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_campaign.programme_signals import with_programme
 from fsw_control.contract import Command, Measurement, Proposal, Reference
@@ -117,7 +117,7 @@ def pi_tunings(file: Path) -> None:
     """The tunings of the decentralized controller on the paper's set-point steps."""
     labels = [f"decentral:{name}" for name in ("conservative", "tight", "smith")]
     runs = [weld("reference_tracking", label) for label in labels]
-    draw_outputs(runs, "Set-point steps with the decentralized controller", file)
+    page(runs, 6, "Set-point steps with the decentralized controller", file)
 
 
 #: copper, losses and noise of the canisters of the figure of known heat: of the weld that teaches,

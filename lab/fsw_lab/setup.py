@@ -31,6 +31,7 @@ setup(
             "export_c = fsw_lab.tasks:export_c",
             "export_fmu = fsw_lab.tasks:export_fmu",
             "identify = fsw_lab.identify:identify",
+            "read_table = fsw_lab.identify:read_table",
             "tune = fsw_lab.tasks:tune",
         ],
     },

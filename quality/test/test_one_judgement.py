@@ -141,8 +141,8 @@ def live(weld: WeldSignals, book: RuleBook) -> LiveWeld:
 def outside(account: Account | Record) -> list[tuple[Any, ...]]:
     return [
         (
-            exceedance.kind,
-            exceedance.variable,
+            exceedance.limit.kind,
+            exceedance.limit.variable,
             exceedance.begin_s,
             exceedance.samples,
             exceedance.missing,

@@ -21,7 +21,7 @@ from fsw_control.topics_ros import LATCHED
 from fsw_msgs.msg import AlarmEvent, WeldCommand
 from fsw_plant import event_schema
 from fsw_plant.events import Disturbance
-from fsw_plant.requests_ros import SERVICES, event_request
+from fsw_plant.services_ros import SERVICES, event_request
 from fsw_scenario.graph import STANDBY
 from fsw_scenario.launcher import Launcher
 from fsw_supervisor.parameters import SupervisorParameters

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator
 
 from fsw_analysis.kpi_table import ROWS
-from fsw_analysis.report import numbers, templates, wilson
+from fsw_analysis.report import numbers, templates
 from fsw_campaign import figures
 from fsw_campaign.dataset import load
 from fsw_campaign.definition import Bounds, Limit
@@ -285,6 +285,14 @@ def _one_by_one(results: Results, requirements: Sequence[Requirement]) -> list[l
             ["all of these", *(_share(results, all_met, label) for label in results.labels)]
         )
     return rows
+
+
+def wilson(good: int, total: int) -> tuple[float, float]:
+    """Wilson interval (95 %) of a share."""
+    from scipy.stats import binomtest  # heavy to import
+
+    low, high = binomtest(good, total).proportion_ci(method="wilson")
+    return float(low), float(high)
 
 
 def _share(results: Results, good: NDArray[np.bool_], label: str) -> str:

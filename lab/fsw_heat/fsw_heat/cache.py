@@ -15,8 +15,28 @@ import numpy as np
 from fsw_control.schema.files import replacing, user_cache
 from fsw_control.schema.models import InputError
 from fsw_heat.projection import Progress, Projection, project
-from fsw_plant.canister.parameters import SHAPE, CanisterParameters
+from fsw_plant.canister import CanisterParameters
 
+#: fields of :class:`CanisterParameters` that finite elements and projection depend on; the others
+#: may change afterwards
+_SHAPE = (
+    "shape",
+    "outer_radius_mm",
+    "wall_mm",
+    "rim_mm",
+    "lid_mm",
+    "lid_from_mm",
+    "tube_mm",
+    "probe_radius_mm",
+    "probe_length_mm",
+    "shoulder_radius_mm",
+    "clamp_from_mm",
+    "clamp_to_mm",
+    "lowest_mm",
+    "element_mm",
+    "tolerance_k",
+    "modes",
+)
 Kind = TypeVar("Kind")
 
 
@@ -31,7 +51,7 @@ def _shape(parameters: CanisterParameters, kind: type[Any]) -> str:
         digest.update((Path(__file__).parent / name).read_bytes())
     values = parameters.model_dump()
     return json.dumps(
-        {name: values[name] for name in SHAPE} | {"sources": digest.hexdigest()[:16]}
+        {name: values[name] for name in _SHAPE} | {"sources": digest.hexdigest()[:16]}
     )
 
 

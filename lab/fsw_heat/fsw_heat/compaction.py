@@ -1,4 +1,4 @@
-"""Makes the compact model of a canister (``fsw_plant.compact_canister``) from the projection by finite elements."""
+"""Makes the compact model of a canister (``heat_model.py``) from the projection by finite elements."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from fsw_heat.cache import kept, projection_of
+from fsw_heat.copper import TYPICAL, Array
 from fsw_heat.elements import one_thread
+from fsw_heat.heat_model import Compact, CompactCanister
 from fsw_heat.projection import Progress, Projection
 from fsw_plant.canister import CanisterParameters
-from fsw_plant.canister.copper import TYPICAL, Array
-from fsw_plant.compact_canister import Compact, CompactCanister
 
 #: Hankel singular value, mean of the positions, below which a direction is left out [K at
 #: ``_POWER_KW``]

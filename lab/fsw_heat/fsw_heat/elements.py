@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike
 
 from fsw_control.schema.extensions import Extra
 from fsw_control.schema.models import InputError
-from fsw_plant.canister.copper import Array
-from fsw_plant.canister.parameters import CanisterParameters
+from fsw_heat.copper import Array
+from fsw_plant.canister import CanisterParameters
 
 EXTRA = Extra("fsw-lab", "canister", ("skfem", "meshio", "threadpoolctl"))
 

@@ -17,8 +17,8 @@ from matplotlib.patches import Ellipse, Rectangle
 
 from fsw_analysis.figure_style import COLOURS, legend_below, looks_of, shade_phases, sheet
 from fsw_analysis.phase_kpi import Span
+from fsw_heat.heat_model import CanisterState
 from fsw_heat.history import HeatHistory
-from fsw_plant.compact_canister import CanisterState
 
 #: isotherms [degC], closer where most of the canister is
 LEVELS_C = (

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from fsw_heat.copper import Array
 from fsw_heat.elements import Elements, elements_of, extra
+from fsw_heat.heat_model import CanisterState
 from fsw_heat.reduced import ReducedCanister
-from fsw_plant.canister.copper import Array
-from fsw_plant.compact_canister import CanisterState
 
 #: states kept of a weld, one a second, for pictures and thermocouples
 KEEP_STEPS = 10

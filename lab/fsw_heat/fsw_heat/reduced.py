@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from fsw_control.schema.models import InputError
 from fsw_heat.cache import projection_of
+from fsw_heat.copper import TYPICAL, Array
 from fsw_heat.elements import elements_of
+from fsw_heat.heat_model import CanisterState, Complex, HeatModel
 from fsw_heat.projection import Progress, Projection
-from fsw_plant.canister.copper import TYPICAL, Array
-from fsw_plant.canister.parameters import CanisterParameters
-from fsw_plant.compact_canister import CanisterState, Complex, HeatModel
+from fsw_plant.canister import CanisterParameters
 from fsw_plant.library import KERNEL
 
 
@@ -83,7 +83,7 @@ class ReducedCanister(HeatModel):
             theta = float(self.copper.theta(temperature_c))
             volume = self._ones[: self._ends[1]]
             modes[: self._ends[1]] = theta * volume / (2.0 * pi)
-        return CanisterState(modes, angle_rad, self.checked(axial_mm))
+        return CanisterState(modes, angle_rad, self.parameters.checked(axial_mm))
 
     def _driven(
         self,

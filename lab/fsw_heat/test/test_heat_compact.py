@@ -12,8 +12,8 @@ pytest.importorskip(
 
 from fsw_control.schema.models import InputError
 from fsw_heat import load_or_compact, load_or_reduce
+from fsw_heat.heat_model import CompactCanister
 from fsw_plant.canister import CanisterParameters
-from fsw_plant.compact_canister import CompactCanister
 
 pytestmark = pytest.mark.slow
 

@@ -13,12 +13,12 @@ from fsw.errors import CommandError
 from fsw_analysis.phase_kpi import Span, recorded_spans
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_heat import ReducedCanister
+from fsw_heat.heat_model import CanisterState
 from fsw_heat.history import ToolCourse
 from fsw_heat.reduced import heated
 from fsw_model import STEP_S, nominal
 from fsw_plant import PlantConfig
 from fsw_plant.canister import CanisterParameters
-from fsw_plant.compact_canister import CanisterState
 from fsw_plant.tool_path import ToolPath
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from fsw.arguments import validated
-from fsw.welds import Weld, read_bag, read_table
+from fsw.welds import Weld, read_bag
 from fsw_control.schema.models import InputError
 from fsw_identification import estimation, summary
 from fsw_identification.drives import DriveRates, drive_rates
 from fsw_identification.friction import from_air
 from fsw_identification.prior import Prior
+from fsw_identification.read_table import read_table as table_signals
 from fsw_identification.summary import Summary
 from fsw_identification.weld_data import prepare
 from fsw_model import MachineData, ModelParameters, ParameterCovariance
@@ -162,6 +164,49 @@ def identify(
         deviations,
         rates,
     )
+
+
+@validated
+def read_table(
+    source: Any, columns: Mapping[str, str] | None = None, label: str | None = None
+) -> Weld:
+    """A weld from the log of any machine: a CSV file, arrays by column, or a data frame of pandas.
+
+    Needed are time, depth, temperature, torque, force and speed at any rate, which is brought to
+    ticks of 0.1 s; :func:`fsw.identify` needs at least 5 samples a second. Force and speed are
+    those that act, unless ``drives_force_kn`` and ``drives_speed_rpm`` are there, too, as in
+    :meth:`Weld.to_csv`. Columns are known by name and unit, e.g. ``force_kn``, ``Axial force [N]``
+    or ``Spindle speed (rad/s)``; a file may have decimal commas and times such as
+    2026-05-01T10:00:00. A warning names columns whose values are unusual for their unit.
+
+    Parameters
+    ----------
+    source : str, Path, mapping or pandas.DataFrame
+        CSV file, with ``,``, ``;`` or tabs between its cells, or columns by name.
+    columns : mapping of str to str, optional
+        Names of columns, by quantity and unit, e.g. ``{"force_n": "F_ax"}``.
+    label : str, optional
+        The file's name by default.
+
+    Raises
+    ------
+    fsw_control.schema.models.InputError
+        With line and column, when something is missing, ambiguous or no number.
+
+    Examples
+    --------
+    >>> import fsw
+    >>> weld = fsw.simulate("quick")
+    >>> names = ["time_s", "depth_mm", "temperature_c", "torque_nm", "drives_speed_rpm"]
+    >>> log = {name.removeprefix("drives_"): weld[name] for name in names}
+    >>> log["F"] = 1e3 * weld["drives_force_kn"]
+    >>> fsw.read_table(log, {"force_n": "F"})
+    <Weld table: 600 ticks, 59.9 s>
+    """
+    signals = table_signals(source, columns)
+    for problem in signals.problems:
+        warnings.warn(problem, stacklevel=3)  # beyond the check of the arguments
+    return Weld(label or signals.path.stem, signals)
 
 
 def weld_of(source: Any, columns: Mapping[str, str] | None = None) -> Weld:

@@ -14,10 +14,10 @@ from fsw.errors import CommandError
 from fsw.outputs import check_new, new_folder, write_text
 from fsw.welds import Weld
 from fsw_analysis.changes import cut_to_scenario
-from fsw_analysis.read_table import read_table
 from fsw_control.schema.models import range_of
 from fsw_control.schema.ranges import Range
 from fsw_identification import report, summary
+from fsw_identification.read_table import read_table
 from fsw_lab.identify import TABLES
 from fsw_model import ModelParameters, ParameterCovariance
 from fsw_plant.parameters import Actuators

@@ -17,9 +17,8 @@ from fsw_control.sensors import REQUIRED
 from fsw_model import Equilibrium
 from fsw_plant import library
 from fsw_plant.config import PlantConfig
-from fsw_plant.library import KERNEL
+from fsw_plant.library import BLOCK, KERNEL, Draws
 from fsw_plant.process import process_model
-from fsw_plant.sensors import BLOCK, Draws
 
 Array = NDArray[np.float64]
 #: columns of the disturbances, added to outputs, torque and inputs

@@ -13,13 +13,14 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from fsw_analysis.messages import SENSOR_TOPICS, Kind, Table, WeldMessages
-from fsw_analysis.recorded_parameters import recorded_parameters
-from fsw_analysis.set_points import HELD, SENT, read_plans, read_set_points, timeline
+from fsw_analysis.messages import SENSOR_TOPICS, Kind, Table, WeldMessages, stamp_of
+from fsw_analysis.procedure import recorded_parameters
+from fsw_analysis.set_points import HELD, PLANNED, SENT, read_set_points, timeline
 from fsw_analysis.signals import FIELDS, reasons
 from fsw_analysis.weld_signals import SIMULATED_NS, experiment_time_s
 from fsw_control.common_parameters import hosted
@@ -30,7 +31,14 @@ from fsw_control.parameters import ParameterModel, describe, validate
 from fsw_control.ramps import ReferencePlan
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED
-from fsw_control.units import NANOSECONDS, kn_from_n, n_from_kn, rad_s_from_rpm, rpm_from_rad_s
+from fsw_control.units import (
+    NANOSECONDS,
+    kn_from_n,
+    mm_from_m,
+    n_from_kn,
+    rad_s_from_rpm,
+    rpm_from_rad_s,
+)
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_recorder.errors import BagError
@@ -287,6 +295,19 @@ class _Sent(Generic[Entry]):
         )
 
 
+def _read_plans(messages: WeldMessages) -> list[tuple[int, ReferencePlan]]:
+    """Plans that announced set-points, with their receive time [ns], in that order; without those that are refused."""
+    plans: list[tuple[int, ReferencePlan]] = []
+    for log_ns, _, plan in messages.decoded(PLANNED):
+        points = [
+            (stamp_of(goal), Reference(mm_from_m(goal.depth), float(goal.temperature)))
+            for goal in getattr(plan, "references", ())
+        ]
+        if all(before < after for (before, _), (after, _) in pairwise(points)):
+            plans.append((log_ns, ReferencePlan(points)))
+    return plans
+
+
 class _Inputs:
     """The content of a bag for the replay of one controller."""
 
@@ -302,7 +323,7 @@ class _Inputs:
             f"/fsw/{name}/proposal", _PROPOSAL, FIELDS
         ).without_repetitions()
         self._stated = read_set_points(messages, f"/fsw/{name}/reference")
-        self._plans = read_plans(messages)
+        self._plans = _read_plans(messages)
         #: stamp and command, in order of receipt
         self._commands = _commands(messages.table("/fsw/command", _INPUTS))
         #: what the drives reported, by stamp

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fsw_heat.copper import Kirchhoff
 from fsw_heat.elements import Elements, one_thread
 from fsw_heat.history import ToolCourse
-from fsw_plant.canister.copper import Kirchhoff
-from fsw_plant.canister.parameters import STEFAN_BOLTZMANN, ZERO_C, CanisterParameters
+from fsw_plant.canister import STEFAN_BOLTZMANN, ZERO_C, CanisterParameters
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

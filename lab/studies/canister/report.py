@@ -11,7 +11,8 @@ import numpy as np
 from canister.figures import draw, draw_shares
 from canister.validation import STEP_TIMES_S, THERMAL
 from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, WINDOW_C, Row
-from fsw_analysis.report import numbers, templates, wilson
+from fsw_analysis.report import numbers, templates
+from fsw_campaign.report import wilson
 from fsw_heat.compaction import TOLERANCE_K
 from fsw_model import nominal
 

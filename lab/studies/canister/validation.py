@@ -12,9 +12,10 @@ from canister.full import exact_stir_zone_c
 from fsw_analysis.changes import part
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.weld import TICK_S
-from fsw_heat import load_or_reduce
+from fsw_heat import load_or_compact, load_or_reduce
 from fsw_heat.cache import projection_of
 from fsw_heat.compaction import TOLERANCE_K, compact_of
+from fsw_heat.heat_model import CanisterState, CompactCanister, HeatModel
 from fsw_heat.history import ToolCourse
 from fsw_heat.reduced import heated
 from fsw_identification.estimation import identify
@@ -22,8 +23,6 @@ from fsw_identification.weld_data import prepare
 from fsw_model import nominal
 from fsw_plant import PlantConfig
 from fsw_plant.canister import CanisterParameters
-from fsw_plant.compact_canister import CanisterState, CompactCanister, HeatModel
-from fsw_plant.process import reduced
 from fsw_plant.tool_path import ToolPath
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
@@ -129,7 +128,8 @@ def steps() -> dict[str, dict[str, Any]]:
     shapes = {"": own, ", default canister": CanisterParameters()}
     for words, parameters in shapes.items():
         courses |= {
-            f"{place}{words}": step_response(reduced(parameters), z) for place, z in PLACES.items()
+            f"{place}{words}": step_response(load_or_compact(parameters), z)
+            for place, z in PLACES.items()
         }
     responses: dict[str, dict[str, Any]] = {
         name: {
@@ -222,7 +222,7 @@ def reduced_against_full(
     """How far the reduced stir zone is from that of all finite elements over a whole weld, heating-up included."""
     parameters = PlantConfig.from_values(scenario.plant).canister
     assert parameters is not None
-    canister, fine = reduced(parameters), load_or_reduce(parameters)
+    canister, fine = load_or_compact(parameters), load_or_reduce(parameters)
     course, before = weld_course(scenario, signals, canister)
     dt_s = _HELD_TICKS * TICK_S
     seen = stir_zone_c(canister, course, dt_s)

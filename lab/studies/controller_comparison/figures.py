@@ -11,7 +11,7 @@ import numpy as np
 from controller_comparison.study import CONTROLLERS, CORRIDORS, paper_with
 from fsw_analysis.figure_style import CONTROLLERS as LOOKS
 from fsw_analysis.figure_style import legend_below, looks_of, sheet
-from fsw_analysis.figures import Run, draw, draw_outputs
+from fsw_analysis.figures import Run, draw, page
 from fsw_tuning.standard_runs import JUDGED, Figures, Job, weld
 
 
@@ -21,7 +21,7 @@ def set_point_steps(path: Path) -> None:
         Run(label, weld(Job(label, "reference_tracking", noise=True)))
         for label in ("decentral", "nmpc")
     ]
-    draw_outputs(runs, "Set-point steps of 0.2 mm and 10 °C, with sensor noise", path)
+    page(runs, 6, "Set-point steps of 0.2 mm and 10 °C, with sensor noise", path)
 
 
 def corridors(folder: Path) -> None:

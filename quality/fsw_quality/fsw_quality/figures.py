@@ -102,7 +102,7 @@ def unrolled(
                 continue
             begin, stop = row.angle_deg
             width = max(stop - begin, _LEAST_WIDTH * end)
-            style = _MISSING if row.missing == row.samples else _MARKS[row.kind]
+            style = _MISSING if row.missing == row.samples else _MARKS[row.limit.kind]
             axis.barh(rows.index(row.limit), width, left=begin, height=0.7, linewidth=0.6, **style)
         for gap in record.gaps:
             if gap.angle_deg is not None:

@@ -21,8 +21,7 @@ from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, EvidenceError, Unchecked
 from fsw_recorder.manifest import MANIFEST_NAME
-from fsw_recorder.recover import recover
-from fsw_recorder.recover_proven import recover_proven
+from fsw_recorder.recover import recover, recover_proven
 from fsw_recorder.signature import (
     Purpose,
     Stated,

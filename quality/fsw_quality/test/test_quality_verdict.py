@@ -92,7 +92,7 @@ def test_one_sample_outside_an_essential_limit_is_never_accepted(
     own = [
         exceedance
         for exceedance in record.exceedances
-        if exceedance.kind == "essential" and exceedance.variable == name
+        if exceedance.limit.kind == "essential" and exceedance.limit.variable == name
     ]
     assert [one.samples for one in own] == [min(ticks, TICKS - tick)]
     assert own[0].begin_s == pytest.approx(0.1 * (tick + 1)) and own[0].extreme == value
@@ -494,7 +494,7 @@ def test_where_an_exceedance_was() -> None:
     [found] = [
         exceedance
         for exceedance in judged(weld).exceedances
-        if exceedance.kind == "essential" and exceedance.variable == "temperature_c"
+        if exceedance.limit.kind == "essential" and exceedance.limit.variable == "temperature_c"
     ]
     assert (found.begin_s, found.duration_s, found.samples, found.missing) == (3.1, 0.5, 5, 1)
     assert (found.extreme, found.beyond) == (915.0, 5.0)

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from fsw.welds import Weld as Weld
     from fsw.welds import compare as compare
     from fsw.welds import read_bag as read_bag
-    from fsw.welds import read_table as read_table
     from fsw.welds import simulate as simulate
     from fsw_analysis.kpi_table import Kpi as Kpi
     from fsw_control.contract import Command as Command
@@ -40,7 +39,7 @@ _PLACES = {
     "fsw.controller": ("Controller",),
     "fsw.processes": ("Model", "model"),
     "fsw.simulation": ("controllers", "scenarios"),
-    "fsw.welds": ("Comparison", "Weld", "compare", "read_bag", "read_table", "simulate"),
+    "fsw.welds": ("Comparison", "Weld", "compare", "read_bag", "simulate"),
     "fsw_analysis.kpi_table": ("Kpi",),
     "fsw_control.contract": ("Command", "Limits", "Measurement", "Proposal", "Reference"),
     "fsw_control.schema.errors": ("InputError",),
@@ -50,7 +49,9 @@ MODULE_OF = {name: module for module, names in _PLACES.items() for name in names
 __all__ = sorted(MODULE_OF)
 #: public names of our other distributions
 ELSEWHERE = {
-    "fsw-lab": ("Identified", "campaign", "export_c", "export_fmu", "identify", "tune"),
+    "fsw-lab": (
+        *("Identified", "campaign", "export_c", "export_fmu", "identify", "read_table", "tune"),
+    ),
     "fsw-quality": ("record",),
 }
 

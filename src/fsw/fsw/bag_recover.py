@@ -13,7 +13,6 @@ from fsw_recorder import recover as recovering
 from fsw_recorder.bag_metadata import ATTESTATION_NAME
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.manifest import MANIFEST_NAME
-from fsw_recorder.recover_proven import recover_proven
 from fsw_recorder.topic import TopicSelection
 
 
@@ -56,7 +55,7 @@ def _proven(source: Path, target: Path, changes: bool) -> int:
             "recover: --proven copies chunks as they are; leave out --zstd and --regex"
         )
     with ProgressBar(f"copying {source}") as bar:
-        result = recover_proven(source, target, (ATTESTATION_NAME,), bar)
+        result = recovering.recover_proven(source, target, (ATTESTATION_NAME,), bar)
     print_notes(result.lost)
     print(
         f"{result.proven} of {result.recorded} chunks and attachments proven, "

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from fsw.command import Option, group, option
 from fsw.console import ProgressBar
-from fsw_analysis.bag_labels import labels
 from fsw_analysis.changes import cut_to_scenario
+from fsw_analysis.report import labels
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_recorder.bag_reader import SUFFIXES

@@ -31,7 +31,7 @@ from fsw_msgs.srv import (
 )
 from fsw_plant.event_schema import DISTURBANCE_AMPLITUDE, WITH_MAGNITUDE, DisturbanceEntry
 from fsw_plant.event_schema import fault as checked_fault
-from fsw_plant.requests_ros import SERVICES, event_request
+from fsw_plant.services_ros import SERVICES, event_request
 
 #: listening time after the first message
 _SETTLE_S = 1.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
@@ -18,7 +17,6 @@ from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.export import Column, export_weld, weld_table
 from fsw_analysis.kpi_table import Kpi
-from fsw_analysis.read_table import read_table as table_signals
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.contract import Controller
@@ -413,46 +411,3 @@ def read_bag(bag: str | Path, label: str | None = None, progress: Progress | Non
     """
     signals = cut_to_scenario(load_weld(Path(bag), progress))
     return Weld(label or signals.path.name, signals)
-
-
-@validated
-def read_table(
-    source: Any, columns: Mapping[str, str] | None = None, label: str | None = None
-) -> Weld:
-    """A weld from the log of any machine: a CSV file, arrays by column, or a data frame of pandas.
-
-    Needed are time, depth, temperature, torque, force and speed at any rate, which is brought to
-    ticks of 0.1 s; :func:`fsw.identify` needs at least 5 samples a second. Force and speed are
-    those that act, unless ``drives_force_kn`` and ``drives_speed_rpm`` are there, too, as in
-    :meth:`Weld.to_csv`. Columns are known by name and unit, e.g. ``force_kn``, ``Axial force [N]``
-    or ``Spindle speed (rad/s)``; a file may have decimal commas and times such as
-    2026-05-01T10:00:00. A warning names columns whose values are unusual for their unit.
-
-    Parameters
-    ----------
-    source : str, Path, mapping or pandas.DataFrame
-        CSV file, with ``,``, ``;`` or tabs between its cells, or columns by name.
-    columns : mapping of str to str, optional
-        Names of columns, by quantity and unit, e.g. ``{"force_n": "F_ax"}``.
-    label : str, optional
-        The file's name by default.
-
-    Raises
-    ------
-    fsw_control.schema.models.InputError
-        With line and column, when something is missing, ambiguous or no number.
-
-    Examples
-    --------
-    >>> import fsw
-    >>> weld = fsw.simulate("quick")
-    >>> names = ["time_s", "depth_mm", "temperature_c", "torque_nm", "drives_speed_rpm"]
-    >>> log = {name.removeprefix("drives_"): weld[name] for name in names}
-    >>> log["F"] = 1e3 * weld["drives_force_kn"]
-    >>> fsw.read_table(log, {"force_n": "F"})
-    <Weld table: 600 ticks, 59.9 s>
-    """
-    signals = table_signals(source, columns)
-    for problem in signals.problems:
-        warnings.warn(problem, stacklevel=3)  # beyond the check of the arguments
-    return Weld(label or signals.path.stem, signals)

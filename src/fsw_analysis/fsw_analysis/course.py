@@ -66,11 +66,9 @@ class Course:
         """
         values = self.angle_deg if of is None else of
         known = np.isfinite(values)
-        before, after = (
-            known & (self.time_s < begin_s - 1e-6),
-            known & (self.time_s > begin_s + lasts_s - 1e-6),
-        )
-        ends = [*values[before][-1:].tolist(), *values[after][:1].tolist()]
+        before = values[known & (self.time_s < begin_s - 1e-6)]
+        after = values[known & (self.time_s > begin_s + lasts_s - 1e-6)]
+        ends = [*before[-1:].tolist(), *after[:1].tolist()]
         return (ends[0], ends[-1]) if ends else None
 
     @property

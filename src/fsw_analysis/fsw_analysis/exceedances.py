@@ -12,7 +12,7 @@ import numpy.typing as npt
 from pydantic import AfterValidator, Strict
 
 from fsw_analysis.course import Course
-from fsw_analysis.rule_book import Check, Kind, RuleBook
+from fsw_analysis.rule_book import Check, RuleBook
 from fsw_analysis.weld_signals import FloatArray
 from fsw_control.schema.models import Many, Model
 from fsw_control.weld import TICK_S
@@ -43,16 +43,6 @@ class Exceedance(Model):
     """from and to along the weld, if reported"""
     commanded_by: str
     """sources of the applied commands; empty when not on record"""
-
-    @property
-    def kind(self) -> Kind:
-        """That of the limit."""
-        return self.limit.kind
-
-    @property
-    def variable(self) -> str:
-        """That of the limit."""
-        return self.limit.variable
 
 
 def beyond(values: FloatArray, low: float | None, high: float | None) -> FloatArray:

@@ -184,11 +184,6 @@ def page(
     return _draw_page(runs, title or name, panels, 2 if number is None else 1, path)
 
 
-def draw_outputs(runs: Sequence[Run], title: str, path: Path) -> None:
-    """Draw depth, temperature and their errors, as the paper's Figs. 6 and 8, under another title."""
-    _draw_page(runs, title, _OUTPUTS, 1, path)
-
-
 def draw_whole_weld(runs: Sequence[Run], phases: Sequence[Span], title: str, path: Path) -> None:
     """Draw a weld in phases on one page: outputs, their errors, inputs, torque and power."""
     _draw_page(runs, title, _WHOLE_WELD, 2, path, phases)

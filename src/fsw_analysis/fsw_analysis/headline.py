@@ -96,8 +96,8 @@ def _of_unusable(run: UnusableRun, course: Course, offset_s: float) -> dict[str,
 
 
 def _of_exceedance(over: Exceedance, offset_s: float) -> dict[str, Any]:
-    level: Level = "high" if over.kind == "essential" else "medium"
-    text = f"{VARIABLES[over.variable]} {'missing' if over.missing == over.samples else 'outside'}: {over.limit.words}"
+    level: Level = "high" if over.limit.kind == "essential" else "medium"
+    text = f"{VARIABLES[over.limit.variable]} {'missing' if over.missing == over.samples else 'outside'}: {over.limit.words}"
     return _mark(level, text, (over.begin_s, over.duration_s), offset_s, over.angle_deg)
 
 

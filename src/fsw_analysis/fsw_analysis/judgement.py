@@ -24,8 +24,13 @@ from fsw_analysis.course import (
     unusable_samples,
 )
 from fsw_analysis.exceedances import Exceedance, exceedances, holds, length_mm, longest_s
-from fsw_analysis.procedure import Procedure, Sensor, tuning, tuning_sha256
-from fsw_analysis.recorded_parameters import recorded_parameters
+from fsw_analysis.procedure import (
+    Procedure,
+    Sensor,
+    recorded_parameters,
+    tuning,
+    tuning_sha256,
+)
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.rules import Fact, FactCode, Rule, Verdict, decide
 from fsw_analysis.weld_events import WeldEvent

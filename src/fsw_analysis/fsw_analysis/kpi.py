@@ -17,25 +17,16 @@ DEAD_BAND_TEMPERATURE_C = 0.1
 #: An output has settled when its error stays within this share of the step (at least within the
 #: dead-band).
 SETTLED_SHARE = 0.05
-#: Largest error of one output while the other is changed alone: key, figure of the change's event,
-#: quantity that is changed, sign of its change (0: either).
-_COUPLING = (
-    ("peak_temperature_in_depth_step_up_c", "peak_temperature_error_c", "depth_reference", 1.0),
-    ("peak_temperature_in_depth_step_down_c", "peak_temperature_error_c", "depth_reference", -1.0),
-    ("peak_depth_in_temperature_step_mm", "peak_depth_error_mm", "temperature_reference", 0.0),
-    (
-        "peak_temperature_after_depth_disturbance_c",
-        "peak_temperature_error_c",
-        "depth_disturbance",
-        0.0,
-    ),
-    (
-        "peak_depth_after_temperature_disturbance_mm",
-        "peak_depth_error_mm",
-        "temperature_disturbance",
-        0.0,
-    ),
-)
+#: Largest error of one output while the other is changed alone: by key, the quantity
+#: that is changed and the sign of its change (0: either).
+_COUPLING = {
+    "peak_temperature_in_depth_step_up_c": ("depth_reference", 1.0),
+    "peak_temperature_in_depth_step_down_c": ("depth_reference", -1.0),
+    "peak_depth_in_temperature_step_mm": ("temperature_reference", 0.0),
+    "peak_temperature_after_depth_disturbance_c": ("depth_disturbance", 0.0),
+    "peak_depth_after_temperature_disturbance_mm": ("temperature_disturbance", 0.0),
+}
+_PEAKS = {"c": "peak_temperature_error_c", "mm": "peak_depth_error_mm"}
 
 
 def compute(signals: WeldSignals, label: str = "") -> dict[str, Any]:
@@ -215,7 +206,10 @@ def _summary(events: list[dict[str, Any]]) -> dict[str, float | None]:
         "steps_not_settled": float(
             sum("settling_s" in event and event["settling_s"] is None for event in events)
         ),
-        **{key: largest(figure, quantity, sign) for key, figure, quantity, sign in _COUPLING},
+        **{
+            key: largest(_PEAKS[key.rpartition("_")[2]], *change)
+            for key, change in _COUPLING.items()
+        },
     }
 
 

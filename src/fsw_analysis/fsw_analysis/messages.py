@@ -199,17 +199,12 @@ class WeldMessages:
 
     def sensors(self) -> dict[str, tuple[Table, Column]]:
         """Messages of each sensor, with its values in the unit inside."""
-        fields = {name: row.quantity.name for name, row in SENSORS.items()}
-        tables = {
-            name: self.table(
-                SENSOR_TOPICS[name], {field: "number"}, _FUSED if name == "depth" else None
-            )
-            for name, field in fields.items()
-        }
-        return {
-            name: (table, SENSORS[name].inside(table.column(fields[name])))
-            for name, table in tables.items()
-        }
+        sensors = {}
+        for name, row in SENSORS.items():
+            field, fused = row.quantity.name, _FUSED if name == "depth" else None
+            table = self.table(SENSOR_TOPICS[name], {field: "number"}, fused)
+            sensors[name] = (table, row.inside(table.column(field)))
+        return sensors
 
     def table(
         self, name: str, wanted: Mapping[str, Kind], optional: Mapping[str, Kind] | None = None

@@ -77,25 +77,20 @@ def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[Pha
         if signals.truth is not None
         else np.full(len(time_s), np.nan)
     )
+    temperature_c, depth_mm = outputs.temperature_c, outputs.depth_mm
     figures = []
     for phase, begin_s, end_s in [*spans, ("whole weld", 0.0, np.inf)]:
         inside = (time_s > begin_s + 1e-6) & (time_s <= end_s + 1e-6)
         of_power = ErrorStatistics.of(power[inside])
-        figures.append(
-            PhaseFigures(
-                label,
-                phase,
-                ErrorStatistics.of(
-                    (outputs.temperature_c - signals.programme_temperature_c)[inside]
-                ),
-                ErrorStatistics.of((outputs.depth_mm - signals.programme_depth_mm)[inside]),
-                None if of_power is None else of_power.mean,
-                ErrorStatistics.of(
-                    (outputs.temperature_c - signals.reference_temperature_c)[inside]
-                ),
-                ErrorStatistics.of((outputs.depth_mm - signals.reference_depth_mm)[inside]),
-            )
+        errors = (
+            temperature_c - signals.programme_temperature_c,
+            depth_mm - signals.programme_depth_mm,
+            temperature_c - signals.reference_temperature_c,
+            depth_mm - signals.reference_depth_mm,
         )
+        first, second, third, fourth = (ErrorStatistics.of(error[inside]) for error in errors)
+        mean_kw = None if of_power is None else of_power.mean
+        figures.append(PhaseFigures(label, phase, first, second, mean_kw, third, fourth))
     return figures
 
 

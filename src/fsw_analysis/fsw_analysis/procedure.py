@@ -9,13 +9,16 @@ from contextlib import suppress
 from datetime import date
 from typing import Annotated, Any, Literal, Self
 
+import yaml
 from pydantic import AfterValidator, BeforeValidator, Field, PositiveFloat, Strict, model_validator
 
 from fsw_analysis.rule_book import RuleBook, Sourced, Text, default
 from fsw_control.parameters import CONTENT_SHA256
 from fsw_control.schema.models import InputError, Many, Model, Name, content_of, problem, validate
 from fsw_control.schema.ranges import Range
+from fsw_control.schema.yaml_text import load_yaml
 from fsw_control.sensors import SENSORS
+from fsw_recorder.errors import BagError
 
 #: parameters without influence on control
 NOT_TUNING = ("use_sim_time", "start_type_description_service")
@@ -268,6 +271,27 @@ def tuning(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """The parameters that influence control; a file counts by its content, not its path."""
     paths = {key for key in parameters if f"{key}{CONTENT_SHA256}" in parameters}
     return {key: value for key, value in parameters.items() if key not in {*NOT_TUNING, *paths}}
+
+
+def recorded_parameters(
+    attachments: Mapping[str, bytes], namespace: str, controller: str
+) -> dict[str, Any]:
+    """Parameters that a controller's node was recorded with, among the attachments of a bag.
+
+    Raises
+    ------
+    BagError
+        The bag does not have them, or they cannot be read.
+    """
+    node = f"{namespace}/fsw_{controller}"
+    data = attachments.get(f"parameters/{node.strip('/').replace('/', '.')}.yaml")
+    if data is None:
+        raise BagError(f"the bag has no parameters of {controller}")
+    try:
+        values = load_yaml(data.decode())[node]["ros__parameters"]
+        return {str(key): value for key, value in values.items()}
+    except (yaml.YAMLError, KeyError, TypeError, AttributeError, UnicodeDecodeError):
+        raise BagError(f"the parameters of {controller} in the bag cannot be read") from None
 
 
 def attached(attachments: Mapping[str, bytes]) -> list[Procedure]:

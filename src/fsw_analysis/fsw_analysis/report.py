@@ -1,4 +1,4 @@
-"""Shared parts of the reports: templates, pages, figures in pages, and shares with their intervals."""
+"""Shared parts of the reports: tables, templates, pages, figures in pages."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ import base64
 import json
 from collections.abc import Mapping, Sequence
 from functools import cache
-from math import sqrt
 from pathlib import Path
-from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -95,8 +93,14 @@ def source(image: bytes) -> str:
     return f"data:image/png;base64,{base64.b64encode(image).decode()}"
 
 
-def wilson(good: int, total: int) -> tuple[float, float]:
-    """Wilson interval (95 %) of the share of ``good`` ones in ``total``."""
-    z2 = NormalDist().inv_cdf(0.975) ** 2
-    middle, half = good + z2 / 2.0, sqrt(z2 * (good * (total - good) / total + z2 / 4.0))
-    return max(0.0, (middle - half) / (total + z2)), min(1.0, (middle + half) / (total + z2))
+def labels(bags: Sequence[Path]) -> list[str]:
+    """Shortest path ends that distinguish the bags; a folder ``bag`` gets the name of its parent folder."""
+    named = [
+        path.resolve().parent if path.resolve().name == "bag" else path.resolve() for path in bags
+    ]
+    parts = [path.parts for path in named]
+    for length in range(1, max(map(len, parts)) + 1):
+        shortened = ["/".join(part[-length:]) for part in parts]
+        if len(set(shortened)) == len(shortened):
+            return shortened
+    return [f"{path} ({i + 1})" for i, path in enumerate(bags)]

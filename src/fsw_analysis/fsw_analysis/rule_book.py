@@ -95,23 +95,15 @@ class Bounds(Model):
     @property
     def words(self) -> str:
         """E.g. ``temperature_c 790 to 910 in joint_line``."""
-        low = (
-            ""
-            if self.min is None
-            else f" {self.min:g}"
-            if self.max is not None
-            else f" at least {self.min:g}"
-        )
-        high = (
-            ""
-            if self.max is None
-            else f" to {self.max:g}"
-            if self.min is not None
-            else f" at most {self.max:g}"
-        )
-        return f"{self.variable}{low}{high}" + (
-            f" in {', '.join(self.phases)}" if self.phases else ""
-        )
+        low, high = self.min, self.max
+        if low is not None and high is not None:
+            span = f" {low:g} to {high:g}"
+        elif low is not None:
+            span = f" at least {low:g}"
+        else:
+            span = "" if high is None else f" at most {high:g}"
+        phases = f" in {', '.join(self.phases)}" if self.phases else ""
+        return f"{self.variable}{span}{phases}"
 
 
 class Limit(Sourced, Bounds):

@@ -10,15 +10,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from fsw_analysis.messages import Kind, WeldMessages, stamp_of
+from fsw_analysis.messages import Kind, WeldMessages
 from fsw_analysis.weld_signals import IntArray
 from fsw_control.contract import Reference
-from fsw_control.ramps import ReferencePlan
 from fsw_control.ranges import set_point_problem
 from fsw_control.references import OWN_CLOCK_NS, ReferenceQueue
 from fsw_control.units import NANOSECONDS, mm_from_m
@@ -76,19 +74,6 @@ def read_set_points(messages: WeldMessages, topic: str) -> list[SetPoint]:
         for point in map(SetPoint._make, rows)
         if not set_point_problem(point.depth_mm, point.temperature_c)
     ]
-
-
-def read_plans(messages: WeldMessages) -> list[tuple[int, ReferencePlan]]:
-    """Plans that announced set-points, with their receive time [ns], in that order; without those that are refused."""
-    plans: list[tuple[int, ReferencePlan]] = []
-    for log_ns, _, plan in messages.decoded(PLANNED):
-        points = [
-            (stamp_of(goal), Reference(mm_from_m(goal.depth), float(goal.temperature)))
-            for goal in getattr(plan, "references", ())
-        ]
-        if all(before < after for (before, _), (after, _) in pairwise(points)):
-            plans.append((log_ns, ReferencePlan(points)))
-    return plans
 
 
 def timeline(

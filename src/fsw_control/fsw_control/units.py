@@ -48,8 +48,8 @@ def kw_from_w(value_w: float) -> float:
     return value_w * 1e-3
 
 
-_TO_SI = {"mm": m_from_mm, "kN": n_from_kn, "rpm": rad_s_from_rpm}
-_FROM_SI = {"mm": mm_from_m, "kN": kn_from_n, "rpm": rpm_from_rad_s}
+_TO_SI = {"mm": m_from_mm, "kN": n_from_kn, "rpm": rad_s_from_rpm, "kW": w_from_kw}
+_FROM_SI = {"mm": mm_from_m, "kN": kn_from_n, "rpm": rpm_from_rad_s, "kW": kw_from_w}
 
 
 def to_si(value: float, unit: str) -> float:

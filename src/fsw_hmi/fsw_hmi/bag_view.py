@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.bag_labels import labels
 from fsw_analysis.headline import page_account
 from fsw_analysis.judgement import judge
-from fsw_analysis.procedure import rule_book
-from fsw_analysis.recorded_parameters import recorded_parameters
+from fsw_analysis.procedure import recorded_parameters, rule_book
+from fsw_analysis.report import labels
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals

@@ -32,11 +32,6 @@ class PlantConfig:
     def __getitem__(self, name: str) -> Any:
         return self.values[name]
 
-    @property
-    def drives(self) -> tuple[float, int]:
-        """Lag of the drives [s], and their dead time in ticks."""
-        return self["actuators.lag_s"], self["actuators.dead_time_ticks"]
-
     @classmethod
     def from_values(
         cls, values: Mapping[str, Any], before: PlantConfig | None = None

@@ -10,9 +10,16 @@ from fsw_control.schema.models import InputError
 from fsw_model import Equilibrium, OperatingPointError, Outputs, OutsideModelError, ProcessState
 from fsw_plant.compact_canister import CanisterField
 from fsw_plant.config import PlantConfig
-from fsw_plant.library import KERNEL, configure, configure_machine, model_of
+from fsw_plant.library import (
+    BLOCK,
+    KERNEL,
+    Draws,
+    configure,
+    configure_machine,
+    model_of,
+    sensors_of,
+)
 from fsw_plant.process import process_model, reduced
-from fsw_plant.sensors import BLOCK, Draws, sensors_of
 from fsw_plant.tool_path import Motion
 
 
@@ -140,7 +147,7 @@ def _outputs_of(plant: Any) -> Outputs:
 def _off_copper(field: CanisterField) -> str:
     """That the tool is off the copper, and where that is."""
     try:
-        field.canister.checked(field.memory.axial_mm)
+        field.canister.parameters.checked(field.memory.axial_mm)
     except InputError as error:
         return str(error)
     return ""

@@ -1,4 +1,4 @@
-"""Binding of the plant in C (``kernel/fsw_plant.h``): settings and process for the library."""
+"""Binding of the plant in C (``kernel/fsw_plant.h``): settings, process, noise of the sensors."""
 
 from __future__ import annotations
 
@@ -7,15 +7,25 @@ from math import expm1, pi
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fsw_control import weld
 from fsw_control.c_library import CLibrary
-from fsw_control.sensors import DEPTH, DEPTH_CHANNELS, SENSORS, TEMPERATURE, TORQUE
+from fsw_control.sensors import (
+    DEPTH,
+    DEPTH_CHANNELS,
+    REQUIRED,
+    SENSORS,
+    TEMPERATURE,
+    TORQUE,
+    Sensor,
+)
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import ModelParameters
 from fsw_model.equations import STEP_S, delay_steps, numbers_of
 from fsw_plant.config import PlantConfig
 from fsw_plant.machine import MOUNTS, hardness_waves
-from fsw_plant.sensors import noise_of, sensors_of
 
 KERNEL = CLibrary("fsw_plant", Path(__file__).parent / "kernel")
 #: channels of disturbances, in the order of ``fsw_plant_disturbance``, with its fields
@@ -29,6 +39,8 @@ CHANNELS = {
 }
 #: in the order of ``fsw_plant_show``
 _QUANTITIES = (DEPTH, TORQUE, TEMPERATURE)
+#: number of random values drawn at once: numpy is too slow for single ones
+BLOCK = 1024
 
 
 @lru_cache(maxsize=16)
@@ -53,19 +65,57 @@ def model_of(parameters: ModelParameters) -> Any:
     )
 
 
+class Draws:
+    """Standard normal numbers for a plant's sensors, from a random stream for each sensor.
+
+    Each reading takes one number, whatever happens to it, so the stream depends on seed and tick
+    alone.
+    """
+
+    def __init__(self, seed: int, sensors: int = len(REQUIRED)) -> None:
+        self._generators = [
+            np.random.Generator(np.random.PCG64([seed, i])) for i in range(sensors)
+        ]
+
+    def block(self) -> NDArray[np.float64]:
+        """The next ``BLOCK`` numbers of each sensor, (BLOCK, sensors)."""
+        drawn = [generator.standard_normal(BLOCK) for generator in self._generators]
+        return np.ascontiguousarray(np.transpose(drawn))
+
+
+def sensors_of(config: PlantConfig) -> tuple[str, ...]:
+    """Names of the plant's sensors, in the order of the table."""
+    return tuple(
+        name
+        for name, row in SENSORS.items()
+        if row.required or (name in DEPTH_CHANNELS and config.machine.depth_channels)
+    )
+
+
+def _noise(config: PlantConfig, row: Sensor) -> tuple[float, float, float]:
+    """Deviation, quantisation and correlation time of a sensor's noise; 0: none."""
+    if not config["noise"]:
+        return 0.0, 0.0, 0.0
+    stem, suffix = f"sensors.{row.stem}", row.quantity.suffix
+    deviation, resolution = config[f"{stem}_noise_{suffix}"], config[f"{stem}_resolution_{suffix}"]
+    return deviation, resolution, config[f"{stem}_noise_correlation_s"]
+
+
 def configure(plant: Any, config: PlantConfig) -> None:
     """Set drives and sensors of a ``fsw_plant *``."""
     lib, part = KERNEL.lib, KERNEL.ffi.addressof
     limits = config.limits
     steps = (limits.force_step_kn, limits.speed_step_rpm)
+    lag = config["actuators.lag_s"], config["actuators.dead_time_ticks"]
     for drive, largest_step in zip(plant.drive, steps, strict=True):
-        lib.fsw_plant_drive_configure(part(drive), largest_step, *config.drives)
+        lib.fsw_plant_drive_configure(part(drive), largest_step, *lag)
     lib.fsw_plant_probe_configure(part(plant.probe), config["sensors.temperature_lag_s"])
-    noises, names = noise_of(config), sensors_of(config)
+    names = sensors_of(config)
     plant.sensors = len(names)
     for sensor, name in zip(plant.sensor, names, strict=False):
-        lib.fsw_plant_sensor_configure(part(sensor), *noises[name])
-        sensor.quantity = _QUANTITIES.index(SENSORS[name].quantity)
+        row = SENSORS[name]
+        lib.fsw_plant_sensor_configure(part(sensor), *_noise(config, row))
+        sensor.quantity = _QUANTITIES.index(row.quantity)
         mount = name if name in DEPTH_CHANNELS else config.machine.depth_sensor
         sensor.mount = MOUNTS[mount]._asdict()
     plant.torque_drop_nm_per_rpm = config["sensors.torque_drop_nm_per_rpm"]

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable
 from typing import Any
 
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
 
@@ -38,13 +36,11 @@ from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig
 from fsw_plant.emulator import PlantEmulator, come_to_rest
-from fsw_plant.lockstep import Lockstep
+from fsw_plant.pace import Lockstep, TickStamps
 from fsw_plant.parameters import PlantParameters
 from fsw_plant.process import prepare
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.services_ros import PlantServices
-from fsw_plant.tick_stamps import TickStamps
-from fsw_plant.truth_ros import truth_message
 from fsw_plant.watchdog import WatchdogState
 
 _WATCH_S = 0.2
@@ -150,8 +146,7 @@ class PlantNode(ManagedNode):
     # ---------------------------------------------------------------- ticks
 
     def _start_when_ready(self) -> None:
-        missing = self._missing()
-        if missing:
+        if missing := self._missing():
             now_s = time.monotonic()
             if now_s >= self._waiting_logged_s + self._settings["lockstep_timeout_s"]:
                 self._waiting_logged_s = now_s
@@ -169,7 +164,11 @@ class PlantNode(ManagedNode):
     def _missing(self) -> list[str]:
         """Conditions that delay the first tick."""
         required = self._settings["wait_for_subscribers"]
-        missing = _lacking(self._sensors.values(), required)
+        missing = [
+            f"{required - count} more subscribers of {publisher.topic_name}"
+            for publisher in self._sensors.values()
+            if (count := publisher.get_subscription_count()) < required
+        ]
         # Lockstep cannot advance without a commanding node, and a tick without subscribers would
         # have to be sent twice.
         if (required or self._lockstep) and not self.count_publishers("fsw/command"):
@@ -199,7 +198,7 @@ class PlantNode(ManagedNode):
 
     def _send(self) -> None:
         """Publish the present tick: drives first, as the last sensor sample completes the tick."""
-        reading, truth = self.emulator.measure(), truth_message(self.emulator.truth())
+        reading, truth = self.emulator.measure(), reports.truth_message(self.emulator.truth())
         if not self._pace.resent:  # the player, which stays, has answered a repeated tick, or will
             depths = reading.samples["depth"]
             self._pace.await_player(depths[-1].stamp_ns if depths else None)
@@ -362,15 +361,6 @@ class PlantNode(ManagedNode):
         self.emulator.reconfigure(PlantConfig.from_values(values, self.emulator.config))
         if self.is_active:
             self._writers.set_sources()
-
-
-def _lacking(publishers: Iterable[Publisher], required: int) -> list[str]:
-    """Missing subscribers, as a text."""
-    return [
-        f"{required - count} more subscribers of {publisher.topic_name}"
-        for publisher in publishers
-        if (count := publisher.get_subscription_count()) < required
-    ]
 
 
 def _mode(speed: float, simulated: bool) -> str:

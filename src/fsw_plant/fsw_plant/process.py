@@ -8,14 +8,14 @@ from functools import lru_cache
 from fsw_control.schema.extensions import loaded
 from fsw_control.schema.models import InputError
 from fsw_model import ModelParameters, ProcessModel
-from fsw_plant.canister.parameters import CanisterParameters
-from fsw_plant.compact_canister import CompactCanister
+from fsw_plant.canister import CanisterParameters
+from fsw_plant.compact_canister import CanisterTables
 from fsw_plant.config import PlantConfig
 
 #: gets the completed share, and the name of the task
 Progress = Callable[[float, str], None]
 
-_reduced: dict[CanisterParameters, CompactCanister] = {}
+_reduced: dict[CanisterParameters, CanisterTables] = {}
 
 
 def prepare(config: PlantConfig, progress: Progress | None = None) -> None:
@@ -30,7 +30,7 @@ def process_model(parameters: ModelParameters) -> ProcessModel:
     return ProcessModel(parameters)
 
 
-def reduced(parameters: CanisterParameters, progress: Progress | None = None) -> CompactCanister:
+def reduced(parameters: CanisterParameters, progress: Progress | None = None) -> CanisterTables:
     """The compact canister model, cached; a new geometry takes a while, with progress reports.
 
     Raises
@@ -45,7 +45,7 @@ def reduced(parameters: CanisterParameters, progress: Progress | None = None) ->
                 "process canister: nothing here makes its heat model: "
                 "pip install 'fsw-lab[canister]'"
             )
-        made: CompactCanister = make(parameters, progress=progress)
+        made: CanisterTables = make(parameters, progress=progress)
         _reduced.clear()
         _reduced[parameters] = made
     return _reduced[parameters]

@@ -1,12 +1,20 @@
-"""Diagnostics of the plant, one entry per part."""
+"""Reports of the plant: its truth, and diagnostics with one entry per part."""
 
 from __future__ import annotations
 
+from fsw_control import units
 from fsw_control.coded import Fact, Worded
 from fsw_control.command_writers_ros import CommandWriters
+from fsw_control.messages_ros import header
 from fsw_control.reports_ros import ERROR, OK, WARN, Report, commands
-from fsw_plant.emulator import PlantEmulator
+from fsw_msgs.msg import PlantState
+from fsw_plant.emulator import PlantEmulator, Truth
 from fsw_plant.watchdog import WatchdogState
+
+#: by the end of a field's name in `Truth`; the field of the message lacks that end
+_UNITS = {"mm": "mm", "c": "degC", "nm": "N m", "kw": "kW", "kn": "kN", "rpm": "rpm"}
+#: of the message, where it has another name
+_FIELDS = {"force": "axial_force", "speed": "spindle_speed"}
 
 
 class Note(Worded):
@@ -26,6 +34,21 @@ class Note(Worded):
     NO_COMMAND_YET = "no_command_yet", "no command yet: start held"
     EMULATED = "emulated", "emulated: {events}"
     UNDISTURBED = "undisturbed", "no faults, no disturbances"
+
+
+def truth_message(truth: Truth) -> PlantState:
+    """The truth in SI."""
+    message = PlantState(
+        header=header(truth.stamp_ns),
+        watchdog=int(truth.watchdog),
+        refused_commands=truth.refused_commands,
+        active_faults=list(truth.active_faults),
+    )
+    for name, value in truth._asdict().items():
+        field, _, end = name.rpartition("_")
+        if end in _UNITS:
+            setattr(message, _FIELDS.get(field, field), units.to_si(value, _UNITS[end]))
+    return message
 
 
 def parts(plant: PlantEmulator, writers: CommandWriters, refused: int) -> list[Report]:

@@ -1,4 +1,4 @@
-"""Services that disturb and reset a running plant."""
+"""Services that disturb and reset a running plant, and the requests for them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,13 @@ from fsw_model import OperatingPointError
 from fsw_msgs.srv import ResetPlant, SetDisturbance, SetFault
 from fsw_plant.emulator import PlantEmulator
 from fsw_plant.event_schema import amplitude_unit, disturbance, fault, magnitude_unit
+from fsw_plant.events import Disturbance, PlantEvent
+
+#: service by whether the event is a disturbance (else a fault)
+SERVICES: dict[bool, tuple[Any, str]] = {
+    True: (SetDisturbance, "fsw/plant/set_disturbance"),
+    False: (SetFault, "fsw/plant/set_fault"),
+}
 
 
 class Done(Worded):
@@ -30,8 +37,8 @@ class PlantServices:
 
     def __init__(self, node: Node, plant: PlantEmulator, on_reset: Callable[[], None]) -> None:
         self._logger, self._plant, self._after_reset = node.get_logger(), plant, on_reset
-        node.create_service(SetDisturbance, "fsw/plant/set_disturbance", self._on_set_disturbance)
-        node.create_service(SetFault, "fsw/plant/set_fault", self._on_set_fault)
+        node.create_service(*SERVICES[True], self._on_set_disturbance)
+        node.create_service(*SERVICES[False], self._on_set_fault)
         node.create_service(ResetPlant, "fsw/plant/reset", self._on_reset)
 
     def _answer(self, response: Any, what: str, act: Callable[[], Fact]) -> None:
@@ -88,3 +95,20 @@ class PlantServices:
 
         self._answer(response, "reset", act)
         return response
+
+
+def event_request(event: PlantEvent) -> Any:
+    """The request for an event that starts with the next tick."""
+    amount, kind = event.amount, event.kind
+    if isinstance(event, Disturbance):
+        return SetDisturbance.Request(
+            channel=event.target,
+            shape=kind,
+            amplitude=units.to_si(amount, amplitude_unit(event.target)),
+            duration=event.duration_s,
+            period=event.period_s,
+        )
+    magnitude = units.to_si(amount, magnitude_unit(event.target, kind))
+    return SetFault.Request(
+        sensor=event.target, kind=kind, magnitude=magnitude, duration=event.duration_s
+    )

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from math import pi
-
 import numpy as np
 import pytest
 
 from fsw_control.fence import Signature
 from fsw_control.stop import Stop
 from fsw_plant.canister import CanisterParameters
-from fsw_plant.compact_canister import Compact, CompactCanister
+from fsw_plant.compact_canister import CanisterTables
 from fsw_plant.core import PlantCore
 from fsw_test_support.ros_graph import Spinner, domain_id
 from fsw_test_support.waiting import PATIENCE_S
@@ -134,24 +132,22 @@ def graph(domain_id):
     graph.stop()
 
 
-class Block(CompactCanister):
+class Block(CanisterTables):
     """A canister that is a block without losses: one state, the heat in it [kJ]; notes how the tool moves."""
 
     def __init__(self):
-        p, nothing = CanisterParameters(properties="constant"), np.zeros((1, 1))
-        axial_mm = np.linspace(p.lowest_mm, p.highest_mm, 4)
-        heated = (
-            2.0 * pi * p.heat_capacity_j_per_m3_k / p.into_copper(1.0, 1.0)
-        )  # so that 1 kW makes 1 kJ/s
-        source, rim = np.full((4, 1), heated), np.full((4, 1), C_PER_KJ)
-        super().__init__(
-            p,
-            Compact(
-                *(nothing, nothing, nothing, np.zeros((1, 0)), source, source, rim),
-                rest_k_per_w=np.zeros((2, 4)),
-                axial_mm=axial_mm,
-            ),
-        )
+        p, grid_c = CanisterParameters(), np.array([-73.0, 1500.0])
+        tables = {
+            "decay": np.zeros((1, 1)),
+            "transport": np.zeros((1, 0)),
+            "axial_mm": np.linspace(p.lowest_mm, p.highest_mm, 4),
+            "source": np.ones((4, 1)),  # 1 kW makes 1 kJ/s
+            "rim": np.full((4, 1), C_PER_KJ),
+            "rest": np.zeros(4),
+            "theta_k": grid_c - p.ambient_c,
+            "grid_c": grid_c,
+        }
+        super().__init__(p, tables)
         self.moved = []
 
     def note(self, field):

@@ -15,11 +15,10 @@ from fsw_model.c_code import WRITER
 from fsw_model.equations import numbers_of
 from fsw_plant import PlantConfig, PlantEmulator, kernel_codegen
 from fsw_plant.events import Disturbance, Fault, Sample
-from fsw_plant.library import KERNEL, model_of
-from fsw_plant.lockstep import Lockstep
+from fsw_plant.library import KERNEL, Draws, model_of
+from fsw_plant.pace import JUMP_NS, NUDGE_NS, Lockstep, TickStamps
 from fsw_plant.parameters import PlantParameters
-from fsw_plant.sensors import Draws, Noise
-from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
+from fsw_plant.reports_ros import truth_message
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
 TICK_NS = 100_000_000
@@ -80,17 +79,17 @@ class Probe:
 class Sensor:
     """A sensor of the library, with its stream of random numbers."""
 
-    def __init__(self, seed, index, noise):
+    def __init__(self, seed, index, *noise):
         self.sensor, self.draws, self.index, self.drawn = (
             KERNEL.new("fsw_plant_sensor"),
             Draws(seed),
             index,
             [],
         )
-        self.configure(noise)
+        self.configure(*noise)
 
-    def configure(self, noise):
-        KERNEL.lib.fsw_plant_sensor_configure(self.sensor, *noise)
+    def configure(self, deviation=0.0, resolution=0.0, correlation_s=0.0):
+        KERNEL.lib.fsw_plant_sensor_configure(self.sensor, deviation, resolution, correlation_s)
 
     def read(self, value):
         self.drawn = self.drawn or self.draws.block()[::-1, self.index].tolist()
@@ -122,18 +121,17 @@ def test_actuator_without_lag():
 
 def test_sensors_have_streams_of_their_own():
     streams = [
-        [sensor.read(0.0) for _ in range(50)]
-        for sensor in (Sensor(1, i, Noise(1.0)) for i in range(3))
+        [sensor.read(0.0) for _ in range(50)] for sensor in (Sensor(1, i, 1.0) for i in range(3))
     ]
     assert len({tuple(stream) for stream in streams}) == 3
-    assert Sensor(1, 0, Noise(1.0, 0.5)).read(3.0) * 2 % 1 == 0
-    assert Sensor(1, 0, Noise()).read(3.3) == 3.3
+    assert Sensor(1, 0, 1.0, 0.5).read(3.0) * 2 % 1 == 0
+    assert Sensor(1, 0).read(3.3) == 3.3
 
 
 @pytest.mark.parametrize("correlation_s", [0.0, 0.2, 1.0, 3.0])
 def test_noise_decays_with_its_correlation_time(correlation_s):
     """Autocorrelation exp(-t / correlation time), at the standard deviation of the white noise."""
-    sensor = Sensor(3, 1, Noise(2.0, 0.0, correlation_s))
+    sensor = Sensor(3, 1, 2.0, 0.0, correlation_s)
     noise = np.array([sensor.read(0.0) for _ in range(120_000)])
     assert noise.std() == pytest.approx(2.0, rel=0.05)
     assert abs(noise.mean()) < 0.15
@@ -145,16 +143,16 @@ def test_noise_decays_with_its_correlation_time(correlation_s):
 
 
 def test_correlated_noise_is_stationary_from_the_first_sample():
-    sensors = [Sensor(seed, 0, Noise(1.0, 0.0, 5.0)) for seed in range(2000)]
+    sensors = [Sensor(seed, 0, 1.0, 0.0, 5.0) for seed in range(2000)]
     first, second, *_, last = ([sensor.read(0.0) for sensor in sensors] for _ in range(5))
     assert [np.std(noise) for noise in (first, second, last)] == pytest.approx([1.0] * 3, rel=0.06)
     assert np.corrcoef(first, second)[0, 1] == pytest.approx(exp(-0.02), abs=0.01)
 
 
 def test_correlated_noise_continues_from_its_value():
-    sensor = Sensor(1, 0, Noise(1.0))
+    sensor = Sensor(1, 0, 1.0)
     before = [sensor.read(0.0) for _ in range(3)][-1]
-    sensor.configure(Noise(1.0, 0.0, 600.0))
+    sensor.configure(1.0, 0.0, 600.0)
     assert sensor.read(0.0) == pytest.approx(before, abs=0.1)
 
 
@@ -503,3 +501,12 @@ def test_history_of_another_dead_time(oldest):
 
     assert refitted(30) == [history[0]] * 2 + history
     assert refitted(27) == history[1:]
+
+
+def test_truth_is_sent_in_si():
+    changed = {"depth_mm": 2.0, "force_kn": 80.0, "speed_rpm": 60.0, "process_power_kw": 44.0}
+    changed |= {"temperature_c": 820.0, "force_disturbance_kn": 0.3}
+    sent = truth_message(PlantEmulator().truth()._replace(**changed, refused_commands=3))
+    in_si = {"depth": 0.002, "axial_force": 8e4, "spindle_speed": 2.0 * pi, "process_power": 44e3}
+    in_si |= {"temperature": 820.0, "force_disturbance": 300.0, "refused_commands": 3}
+    assert {name: getattr(sent, name) for name in in_si} == pytest.approx(in_si)

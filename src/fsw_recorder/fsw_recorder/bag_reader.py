@@ -12,10 +12,9 @@ from pathlib import Path
 from mcap.records import Attachment
 
 from fsw_recorder.bag_metadata import METADATA_NAME, BagMetadata, read_metadata
-from fsw_recorder.compressed import SUFFIX as COMPRESSED
 from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_file import McapFile
-from fsw_recorder.rosbags_file import RosbagsFile
+from fsw_recorder.rosbags_file import COMPRESSED, RosbagsFile
 from fsw_recorder.topic import BagRecord, RecordedTopic
 
 __all__ = ["BagInfo", "BagReader", "BagRecord"]

@@ -123,24 +123,17 @@ def place_of(pieces: Sequence[Piece], rows: Sequence[int]) -> Place:
 
 
 def _kinds(pieces: Sequence[Piece], rows: Sequence[int]) -> Iterator[str]:
-    for kind in ("chunk", "attachment", "other"):
+    for kind in ("chunk", "attachment"):
         numbers = [
             sum(piece.kind == kind for piece in pieces[: row + 1])
             for row in rows
             if pieces[row].kind == kind
         ]
-        if not numbers:
-            continue
-        if kind == "other":
-            first, last = rows[0] == 0, rows[-1] == len(pieces) - 1
+        if numbers:
             yield (
-                "the head"
-                if first and not last
-                else "the index at the end"
-                if last and not first
-                else "other records"
+                f"{kind} {numbers[0]}"
+                if len(numbers) == 1
+                else f"{kind}s {numbers[0]} to {numbers[-1]}"
             )
-        elif len(numbers) == 1:
-            yield f"{kind} {numbers[0]}"
-        else:
-            yield f"{kind}s {numbers[0]} to {numbers[-1]}"
+    if any(pieces[row].kind == "other" for row in rows):
+        yield "other records"

@@ -26,7 +26,6 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 
 from fsw_control.schema.files import open_regular
 from fsw_recorder.bag_metadata import BagMetadata, metadata_inside
-from fsw_recorder.compressed import decompressed
 from fsw_recorder.errors import BagError
 from fsw_recorder.mcap_frames import (
     CHUNK_HEAD,
@@ -38,6 +37,7 @@ from fsw_recorder.mcap_frames import (
     frames,
 )
 from fsw_recorder.qos import read_qos
+from fsw_recorder.rosbags_file import decompressed
 from fsw_recorder.topic import BagRecord, RecordedTopic
 
 #: most messages that wait for earlier ones in overlapping chunks

@@ -27,23 +27,7 @@ HEAD_BYTES = _FRAME.size
 #: head of a chunk before its compression: first and last log time, size and checksum
 CHUNK_HEAD = struct.Struct("<QQQI")
 #: minimum length of every type of record, with empty texts
-_LEAST = {
-    1: 8,
-    2: 20,
-    3: 14,
-    4: 16,
-    5: 22,
-    6: 40,
-    7: 6,
-    8: 64,
-    9: 36,
-    10: 48,
-    11: 46,
-    12: 8,
-    13: 20,
-    14: 17,
-    15: 4,
-}
+_LEAST = dict(enumerate((8, 20, 14, 16, 22, 40, 6, 64, 36, 48, 46, 8, 20, 17, 4), 1))
 _NEVER = 2**64
 #: a frame of the data section with a plausible length
 _CANDIDATE = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{4}\0{4})", re.DOTALL)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
@@ -50,15 +50,6 @@ from fsw_recorder.topic_subscription_ros import TopicSubscription
 _REPORT_PERIOD_S = 1.0
 #: polling period [s]; the queues hold far more than arrives meanwhile
 _POLL_PERIOD_S = 0.01
-
-
-class _Bag(NamedTuple):
-    """Validated settings of a bag."""
-
-    folder: Path
-    options: WriterOptions
-    custom: dict[str, str]
-    attachments: list[tuple[str, bytes]]
 
 
 def reported_state(
@@ -112,7 +103,7 @@ class RecorderNode(ManagedNode):
         after_recording.check(self._on_finished)
         if values["signing_key"]:
             load_private(Path(values["signing_key"]).expanduser())
-        folder = self._planned().folder
+        folder = self._planned()[0]
         if os.path.lexists(folder):
             raise taken(folder)
         self._diagnostics = DiagnosticsPublisher(self)
@@ -153,8 +144,8 @@ class RecorderNode(ManagedNode):
         """Finish the bag."""
         self._finish()
 
-    def _planned(self) -> _Bag:
-        """The bag requested by the parameters."""
+    def _planned(self) -> tuple[Path, WriterOptions, dict[str, str], list[tuple[str, bytes]]]:
+        """Folder, options, custom data and attachments of the bag that the parameters request."""
         values = self._values
         attachments = [("versions.json", versions_text())]
         if values["scenario"]:
@@ -171,18 +162,18 @@ class RecorderNode(ManagedNode):
             folder = free_sibling(requested)
         if folder != requested:
             custom["continues"] = requested.name
-        return _Bag(folder, options, custom, attachments)
+        return folder, options, custom, attachments
 
     def _make_writer(self) -> BagWriter:
-        bag = self._planned()
-        if "continues" in bag.custom:
-            requested = bag.folder.with_name(bag.custom["continues"])
+        folder, options, custom, attachments = self._planned()
+        if "continues" in custom:
+            requested = folder.with_name(custom["continues"])
             self.get_logger().warning(
                 f"{requested} exists already and is left unchanged: recording continues beside it"
             )
-        writer = BagWriter(bag.folder, bag.options, bag.custom)
+        writer = BagWriter(folder, options, custom)
         writer.is_paused = self._values["start_paused"]
-        for name, data in bag.attachments:
+        for name, data in attachments:
             writer.attach(name, media_type(name), data)
         self._recorded = True
         return writer

@@ -42,11 +42,7 @@ class Note(Worded):
 
 
 _MAX_ATTACHMENT_BYTES = 64 * 1024 * 1024
-_MEDIA_TYPES = {
-    ".yaml": "application/yaml",
-    ".yml": "application/yaml",
-    ".json": "application/json",
-}
+_MEDIA_TYPES = {".yaml": "application/yaml", ".json": "application/json", ".txt": "text/plain"}
 
 
 def output_folder(requested: str, now: datetime) -> Path:
@@ -116,9 +112,7 @@ def read_attachment(path: str) -> bytes:
 
 def media_type(name: str) -> str:
     """Media type of an attachment by its name."""
-    return _MEDIA_TYPES.get(
-        Path(name).suffix, "text/plain" if name.endswith(".txt") else "application/octet-stream"
-    )
+    return _MEDIA_TYPES.get(Path(name).suffix, "application/octet-stream")
 
 
 def custom_entries(entries: Sequence[str]) -> dict[str, str]:

@@ -1,4 +1,7 @@
-"""Reads other formats than plain MCAP with ``rosbags``: sqlite3 and compressed bags."""
+"""Reads other formats than plain MCAP with ``rosbags``: sqlite3 and compressed bags.
+
+A file that rosbag2 has compressed as a whole is decompressed first.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +13,46 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import zstandard
 from mcap.records import Attachment
+from mcap.writer import MCAP0_MAGIC
 from rosbags.rosbag2 import Reader
 
+from fsw_control.schema.files import open_regular
 from fsw_recorder.bag_metadata import BagMetadata
-from fsw_recorder.compressed import decompressed
 from fsw_recorder.errors import BagError
 from fsw_recorder.topic import BagRecord, RecordedTopic
 
+COMPRESSED = ".zstd"
+#: magic bytes of sqlite3 and MCAP files
+_BEGINNINGS = (b"SQLite format 3\0", MCAP0_MAGIC)
 #: numbers in sqlite3 are signed
 _MOST = 2**63 - 1
+
+
+@contextmanager
+def decompressed(path: Path) -> Iterator[Path]:
+    """Yield a decompressed copy of a file, or the file itself if its name lacks ``.zstd``.
+
+    A damaged or truncated file is decompressed up to that point; the reader of the copy finds out
+    what is missing.
+    """
+    if path.suffix != COMPRESSED:
+        yield path
+        return
+    with TemporaryDirectory(prefix="fsw_bag_") as folder:
+        copy = Path(folder) / path.stem
+        decompressor = zstandard.ZstdDecompressor(max_window_size=2**27)
+        with open_regular(path) as source, copy.open("wb") as target:
+            try:
+                content = decompressor.stream_reader(source, read_across_frames=True)
+                head = content.read(len(_BEGINNINGS[0]))
+                target.write(head)
+                if head.startswith(_BEGINNINGS):  # anything else may be huge, and is not a bag
+                    shutil.copyfileobj(content, target)
+            except zstandard.ZstdError:
+                pass
+        yield copy
 
 
 @contextmanager

@@ -23,8 +23,7 @@ from fsw_recorder.manifest import (
     read_manifest,
 )
 from fsw_recorder.manifest_check import check_file, check_files
-from fsw_recorder.recover import recover
-from fsw_recorder.recover_proven import recover_proven
+from fsw_recorder.recover import recover, recover_proven
 from fsw_recorder.signature import Purpose, load_trusted, signer_of
 from fsw_test_support.keys import make_key
 from fsw_test_support.sample_weld import sample_messages, sample_topics

@@ -8,7 +8,7 @@ from rclpy.task import Future
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantSchedule
 from fsw_plant.events import Disturbance, PlantEvent
-from fsw_plant.requests_ros import SERVICES, event_request
+from fsw_plant.services_ros import SERVICES, event_request
 from fsw_scenario.scenario import Scenario
 
 

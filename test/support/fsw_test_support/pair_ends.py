@@ -10,7 +10,7 @@ from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Order
-from fsw_plant.tick_stamps import TickStamps
+from fsw_plant.pace import TickStamps
 from fsw_plant.watchdog import Watchdog, WatchdogState
 from fsw_test_support.pair_parts import Holder
 from fsw_test_support.pair_settings import (

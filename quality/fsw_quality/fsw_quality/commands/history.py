@@ -12,8 +12,8 @@ from fsw.command import FORCE, FORMAT_BESIDE, command, file, group, option
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
 from fsw.outputs import check_new
-from fsw_analysis.bag_labels import labels
 from fsw_analysis.procedure import Identity
+from fsw_analysis.report import labels
 from fsw_control.schema.extensions import Extra
 from fsw_control.schema.models import json_content_of, read_text, validate
 from fsw_quality.monitor import Monitor

@@ -12,7 +12,7 @@ from fsw.console import ProgressBar
 from fsw.errors import CommandError
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
 from fsw.outputs import check_new
-from fsw_analysis.bag_labels import labels
+from fsw_analysis.report import labels
 from fsw_quality import record_hook, report
 from fsw_quality.record_content import Record
 from fsw_recorder import after_recording

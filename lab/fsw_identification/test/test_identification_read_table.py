@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fsw_analysis.export import export_weld
-from fsw_analysis.read_table import read_table
 from fsw_control.schema.models import InputError
+from fsw_identification.read_table import read_table
 
 N = 30
 LOG = {

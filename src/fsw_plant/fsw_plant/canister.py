@@ -1,4 +1,7 @@
-"""Parameters of the canister's end: geometry, copper, heat in and out, discretisation."""
+"""Parameters of the canister's end: geometry, copper, heat in and out, discretisation.
+
+``fsw_heat`` makes the heat model from them, which the plant steps (``compact_canister.py``).
+"""
 
 from __future__ import annotations
 
@@ -7,29 +10,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import model_validator
 
-from fsw_control.schema.models import Parameters, Whole
+from fsw_control.schema.models import InputError, Parameters, Whole
 from fsw_control.schema.ranges import Range
 
-#: fields of :class:`CanisterParameters` that finite elements and projection depend on; the others
-#: may change afterwards
-SHAPE = (
-    "shape",
-    "outer_radius_mm",
-    "wall_mm",
-    "rim_mm",
-    "lid_mm",
-    "lid_from_mm",
-    "tube_mm",
-    "probe_radius_mm",
-    "probe_length_mm",
-    "shoulder_radius_mm",
-    "clamp_from_mm",
-    "clamp_to_mm",
-    "lowest_mm",
-    "element_mm",
-    "tolerance_k",
-    "modes",
-)
 ZERO_C = 273.15
 STEFAN_BOLTZMANN = 5.670374e-8
 
@@ -135,6 +118,15 @@ class CanisterParameters(Parameters):
     def highest_mm(self) -> float:
         """Highest tool position above the joint line: the shoulder meets the edge of the rim."""
         return self.rim_mm - self.shoulder_radius_mm
+
+    def checked(self, axial_mm: float) -> float:
+        """The tool's position; InputError if it is off the copper there."""
+        if not self.lowest_mm - 1e-9 <= axial_mm <= self.highest_mm + 1e-9:
+            raise InputError(
+                f"canister: tool at {axial_mm:g} mm is off the copper; "
+                f"{self.lowest_mm:g} to {self.highest_mm:g} mm above the joint"
+            )
+        return axial_mm
 
     @property
     def surface_w_per_m2_k(self) -> float:

@@ -1,4 +1,4 @@
-"""Reads the log of a machine as the signals of a weld: a CSV file, arrays, or a data frame of pandas.
+"""Reads a machine's log as the signals of a weld: a CSV file, arrays, or a data frame of pandas.
 
 The counterpart of :mod:`fsw_analysis.export`, for logs of any origin: columns are known by their
 name and unit, whatever the sampling rate.
@@ -23,21 +23,22 @@ from fsw_control.schema.ranges import Range
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_NS, TICK_S
 
-#: factor to the unit inside by unit as written (lower case, no blanks), by quantity; the first is it
+_RPM = 30.0 / np.pi  # per rad/s
+#: by quantity, factor to the unit inside, which is the first, by unit as written (lower case)
 _UNITS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
     "depth": {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "m": 1e3},
     "temperature": {"c": 1.0, "degc": 1.0, "°c": 1.0, "k": 1.0},
     "torque": {"nm": 1.0, "n·m": 1.0, "n*m": 1.0, "knm": 1e3},
     "force": {"kn": 1.0, "n": 1e-3},
-    "speed": {"rpm": 1.0, "1/min": 1.0, "r/min": 1.0, "rad/s": 30.0 / np.pi, "rad_per_s": 30.0 / np.pi},
-}  # fmt: skip
+    "speed": {"rpm": 1.0, "1/min": 1.0, "r/min": 1.0, "rad/s": _RPM, "rad_per_s": _RPM},
+}
 _KELVIN_C = -273.15
 #: quantities of a weld's table, see `fsw_analysis.export`; the first are needed
 _NEEDED = ("time", "depth", "temperature", "torque", "force", "speed")
 _OPTIONAL = ("reference_depth", "reference_temperature", "drives_force", "drives_speed")
-#: words that may stand before a needed quantity; with any other word it can be a set-point or that of
-#: another axis or part, which nobody sees in the result
+#: words that may stand before a needed quantity; with any other word it can be a set-point or that
+#: of another axis or part, which nobody sees in the result
 _SURE = {
     "time": {"weld", "log", "elapsed"},
     "depth": {"weld", "plunge", "tool", "measured", "actual"},
@@ -61,15 +62,15 @@ _MISSING = {"", "nan", "na", "n/a", "null", "none", "-"}
 def read_table(
     source: str | Path | Mapping[str, Any] | Any, columns: Mapping[str, str] | None = None
 ) -> WeldSignals:
-    """Signals of a weld at ticks of 0.1 s: means of the samples of each tick, NaN where a tick has no sample.
+    """Signals of a weld at ticks of 0.1 s: means of each tick's samples, NaN where it has none.
 
     Parameters
     ----------
     source : str, Path, mapping or pandas.DataFrame
         File, or arrays by column.
     columns : mapping of str to str, optional
-        Name of the column by quantity and unit, e.g. ``{"force_n": "F_ax"}``; else columns are found by
-        names such as ``force_kn``, ``Axial force [kN]``.
+        Name of the column by quantity and unit, e.g. ``{"force_n": "F_ax"}``; else columns are
+        found by names such as ``force_kn``, ``Axial force [kN]``.
 
     Raises
     ------
@@ -103,7 +104,7 @@ def _dubious(
 
 
 class _Table:
-    """Cells by column; ``first`` is the number of the first row in messages, ``lines`` those of a file."""
+    """Cells by column; ``lines`` are the numbers of a file's rows, for messages."""
 
     def __init__(self, columns: Mapping[str, Any], lines: Sequence[int] | None = None) -> None:
         self._columns, self._lines, self.headers = columns, lines, list(columns)
@@ -125,9 +126,8 @@ class _Table:
                 hint = (
                     "; the file has decimal points" if self.decimal_point and "," in cell else ""
                 )
-                raise InputError(
-                    f"{name}: {self.place(row)}, column {header!r}: {str(cell)[:40]!r} is not a number{hint}"
-                ) from None
+                where = f"{name}: {self.place(row)}, column {header!r}"
+                raise InputError(f"{where}: {str(cell)[:40]!r} is not a number{hint}") from None
         return values + _KELVIN_C if unit == "k" else values
 
     def _number(self, cell: Any) -> float:
@@ -219,9 +219,8 @@ def _file(path: Path) -> _Table:
         if not any(cell.strip() for cell in row):
             continue
         if len(row) != len(headers):
-            raise InputError(
-                f"{path}: line {begin + reader.line_num}: {len(row)} cells, but {len(headers)} columns"
-            )
+            where = f"{path}: line {begin + reader.line_num}"
+            raise InputError(f"{where}: {len(row)} cells, but {len(headers)} columns")
         rows.append(row)
         numbers.append(begin + reader.line_num)
     if not rows:
@@ -238,7 +237,7 @@ def _kind(quantity: str) -> str:
 
 
 def _name_and_unit(header: str) -> tuple[str, str]:
-    """``Axial force [kN]`` or ``axial_force_kn`` as ("axial_force", "kn"); without a known unit ""."""
+    """Split ``Axial force [kN]`` or ``axial_force_kn``: ("axial_force", "kn"); unknown: ""."""
     text = header.strip().lower()
     if bracketed := re.fullmatch(r"(.*?)[\s_/,]*[\[(](.*)[\])]", text):
         return re.sub(r"\W+", "_", bracketed[1]).strip("_"), re.sub(r"\s", "", bracketed[2])

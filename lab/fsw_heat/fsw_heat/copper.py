@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fsw_plant.canister.parameters import CanisterParameters
+from fsw_plant.canister import CanisterParameters
 
 Array = NDArray[np.float64]
 

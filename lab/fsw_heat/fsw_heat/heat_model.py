@@ -1,0 +1,192 @@
+"""The stir zone's heat with some ninety states in the tool's frame, for any speed and position.
+
+In the frame of the tool an amplitude ``y = x exp(i m angle)`` of the reduced model
+(``reduced.py``), with even part u and odd part w about the tool, obeys for the tool's angular
+speed s
+
+    u' = -decay u - s m w + b(z) P,    w' = -decay w + s m u,    theta = c(z) u.
+
+Even and odd parts are projected on few vectors each by a Galerkin method: the decay stays
+symmetric and the transport skew-symmetric, so the model is stable at every speed. Copper, losses
+and clamp enter the small matrices afterwards.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from math import isfinite, pi
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fsw_control.schema.models import InputError
+from fsw_heat.copper import TYPICAL, Array, Kirchhoff
+from fsw_plant.canister import CanisterParameters
+from fsw_plant.compact_canister import CanisterTables
+from fsw_plant.library import KERNEL
+
+Complex = NDArray[np.complex128]
+#: number of step matrices (speed, duration) kept
+_MOST_KNOWN = 16
+
+
+@dataclass(frozen=True, slots=True)
+class CanisterState:
+    """Heat in the canister, and the tool's position."""
+
+    #: amplitudes of theta (``copper.py``) for the model's vectors: complex, or real in the tool's
+    #: frame
+    modes: Complex | Array
+    angle_rad: float = 0.0  #: tool position around the canister from its start
+    axial_mm: float = 0.0  #: tool position above the joint line
+    power_kw: float = 0.0  #: power of the last step
+
+
+class HeatModel(ABC):
+    """Heat in the canister about the tool, stepped with constant inputs."""
+
+    def __init__(self, parameters: CanisterParameters) -> None:
+        self.parameters, self.copper = parameters, Kirchhoff(parameters)
+
+    @abstractmethod
+    def initial(self, *, axial_mm: float = 0.0) -> CanisterState:
+        """Return a canister at ambient temperature everywhere."""
+
+    def step(
+        self,
+        state: CanisterState,
+        power_kw: float,
+        traverse_mm_per_s: float,
+        axial_mm: float,
+        dt_s: float = 0.1,
+    ) -> CanisterState:
+        """Return the state after a step with constant inputs.
+
+        The power (24) includes the tool's share; the traverse speed is that at the outer surface,
+        negative for backwards; the axial position is relative to the joint line.
+
+        Raises
+        ------
+        fsw_control.schema.models.InputError
+            If an input is not finite, the tool is off the copper or the step is not positive.
+        """
+        self._check(power_kw, traverse_mm_per_s, axial_mm, dt_s)
+        modes = self._driven(state, power_kw, traverse_mm_per_s, axial_mm, dt_s)
+        turned = traverse_mm_per_s * dt_s / self.parameters.outer_radius_mm
+        return CanisterState(modes, state.angle_rad + turned, axial_mm, power_kw)
+
+    @abstractmethod
+    def _driven(
+        self,
+        state: CanisterState,
+        power_kw: float,
+        traverse_mm_per_s: float,
+        axial_mm: float,
+        dt_s: float,
+    ) -> Complex | Array:
+        """The amplitudes after a step with valid inputs."""
+
+    @abstractmethod
+    def stir_zone_temperature_c(self, state: CanisterState) -> float:
+        """Mean temperature at the probe's rim, which replaces the copper temperature of (16)."""
+
+    def _check(
+        self, power_kw: float, traverse_mm_per_s: float, axial_mm: float, dt_s: float
+    ) -> None:
+        """Reject invalid inputs of a step."""
+        if not isfinite(power_kw + traverse_mm_per_s + axial_mm):
+            raise InputError(
+                f"canister: power {power_kw} kW, traverse {traverse_mm_per_s} mm/s, "
+                f"position {axial_mm} mm: not finite"
+            )
+        if not 0.0 < dt_s < 1e6:
+            raise InputError(f"canister: step of {dt_s} s; must be above 0")
+        self.parameters.checked(axial_mm)
+
+
+@dataclass(frozen=True)
+class Compact:
+    """Projected matrices, the content of the cache; the even states come first."""
+
+    #: at k = h = 1, (states, states)
+    conduction: Array
+    surface: Array
+    clamp: Array
+    transport: Array  #: for one turn of the tool in 2 pi seconds, (even, odd)
+    #: as in ``projection.py``, (positions, even), (2, positions) and (positions,)
+    probe: Array
+    shoulder: Array
+    rim: Array
+    rest_k_per_w: Array
+    axial_mm: Array
+
+
+class CompactCanister(HeatModel, CanisterTables):
+    """The stir zone's heat, stepped exactly for constant power, traverse speed and axial position.
+
+    Parameters and compact model must have the same geometry. The arithmetic is C
+    (``kernel/canister.c``), as it is for a plant.
+    """
+
+    def __init__(self, parameters: CanisterParameters, compact: Compact) -> None:
+        p, q = parameters, compact
+        HeatModel.__init__(self, p)
+        matrix = p.conductivity_w_per_m_k * q.conduction + p.surface_w_per_m2_k * q.surface
+        density = p.heat_capacity_j_per_m3_k
+        tables = {
+            "decay": (matrix + p.clamp_w_per_m2_k * q.clamp) / density,
+            "transport": q.transport,
+            "axial_mm": q.axial_mm,
+            "source": p.into_copper(q.probe, q.shoulder) / (2.0 * pi * density),
+            "rim": q.rim,
+            "rest": p.into_copper(*q.rest_k_per_w) * (TYPICAL["k"] / p.conductivity_w_per_m_k),
+            "theta_k": self.copper.theta_k,
+            "grid_c": self.copper.grid_c,
+        }
+        CanisterTables.__init__(self, p, tables)
+        self._known: dict[tuple[float, float], tuple[Array, Array]] = {}
+
+    def initial(self, *, axial_mm: float = 0.0) -> CanisterState:
+        """See :meth:`HeatModel.initial`."""
+        return CanisterState(np.zeros(self.states), 0.0, self.parameters.checked(axial_mm))
+
+    def _driven(
+        self,
+        state: CanisterState,
+        power_kw: float,
+        traverse_mm_per_s: float,
+        axial_mm: float,
+        dt_s: float,
+    ) -> Complex | Array:
+        modes = state.modes.copy()
+        transition = map(_pointer, self.over(traverse_mm_per_s, dt_s))
+        KERNEL.lib.fsw_plant_canister_step(
+            self.memory, *transition, power_kw, axial_mm, _pointer(modes)
+        )
+        return modes
+
+    def over(self, traverse_mm_per_s: float, dt_s: float) -> tuple[Array, Array]:
+        """Transposed transition (states, states) and input matrix of a source (even, states)."""
+        key = (traverse_mm_per_s, dt_s)
+        if key not in self._known:
+            n, even = self.states, len(self.tables["transport"])
+            arrays = np.empty((n, n)), np.empty((even, n)), np.empty((3, n, n))
+            KERNEL.lib.fsw_plant_canister_over(self.memory, *key, *map(_pointer, arrays))
+            if len(self._known) >= _MOST_KNOWN:
+                self._known.clear()
+            self._known[key] = arrays[:2]
+        return self._known[key]
+
+    def stir_zone_temperature_c(self, state: CanisterState) -> float:
+        """See :meth:`HeatModel.stir_zone_temperature_c`."""
+        return float(
+            KERNEL.lib.fsw_plant_canister_stir_zone_c(
+                self.memory, _pointer(state.modes), state.power_kw, state.axial_mm
+            )
+        )
+
+
+def _pointer(array: Array | Complex) -> Any:
+    return KERNEL.ffi.from_buffer("double[]", array)
