@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from math import inf, isfinite, nan
+from math import inf, nan
 from typing import Any
 
-from fsw_analysis.rule_book import Check, RuleBook
 from fsw_control.attainable import out_of_reach, wants_heat
 from fsw_control.contract import Reference
 from fsw_control.depth_channels import ChannelHealth
@@ -25,7 +24,7 @@ from fsw_hmi.alarm_texts import (
     tripped,
 )
 from fsw_hmi.alarms import STOP_ID, Alarm
-from fsw_hmi.standing import holds
+from fsw_hmi.standing import Flag
 
 #: time without reports of a node after which that is an alarm
 NO_REPORT_S = 3.5
@@ -36,12 +35,6 @@ UNDER_WAY, DONE = ("running", "held"), "done"
 _NO_SAMPLE_S = 0.5
 #: what is said of a sensor whose fault is over, until its value is trusted again
 _AFTERWARDS = ("recovering",)
-#: how far a value must come back inside its limits, chosen: a fifth of a largest error, a fiftieth
-#: of a range
-_BACK, _BACK_RANGE = 0.2, 0.02
-#: set-points that are replaced: share of the least difference from which on they are no longer
-#: (chosen)
-_BACK_SHARE = 0.5
 #: a standby that has begun to lead is no longer heard as one within this time
 _UNHEARD_S = 2 * NO_REPORT_S
 #: a plant reports its watchdog once a second, so later than commands come again
@@ -99,10 +92,9 @@ class Situation:
     sensor_states: Mapping[str, str] = field(default_factory=dict)
     #: health of each channel of a fused depth, by sensor
     channels: Mapping[str, ChannelHealth] = field(default_factory=dict)
-    #: of the newest row by column, and their distance from the programme's set-points; NaN where
-    #: unknown
+    #: of the newest row by column; NaN where unknown
     values: Mapping[str, float] = field(default_factory=dict)
-    phase: str = ""  #: of the programme
+    flags: Mapping[str, Flag] = field(default_factory=dict)  #: what is outside a limit
     #: the set-points that the controller which commands goes for
     attainable: Reference | None = None
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
@@ -117,15 +109,13 @@ class Situation:
 class AlarmRules:
     """Says which alarms are present; how long they must last is for the list.
 
-    ``setting`` returns a parameter of the node by its name; ``book`` is what the weld is judged
-    by.
+    ``setting`` returns a parameter of the node by its name.
     """
 
-    def __init__(self, setting: Callable[[str], float], book: RuleBook) -> None:
-        self._setting, self._book = setting, book
+    def __init__(self, setting: Callable[[str], float]) -> None:
+        self._setting = setting
         #: what stands in for set-points that are out of reach
         self.replaced: Reference | None = None
-        self._outside: set[str] = set()
         self._mute_since_s: float | None = None
         self._failed = "", ""
         self._nominal = ""  # who has commanded as selected, and does so without a break
@@ -285,55 +275,29 @@ class AlarmRules:
             found["programme"] = alarm("programme")
 
     def _values(self, now: Situation, found: dict[str, Alarm]) -> None:
-        if not self._measures(now):
-            return
-        for value, (aim, limit, what) in TEXTS.drives.items():
-            name, most = f"deviation:{value}", self._setting(limit)
-            off = now.value(value) - now.value(aim)
-            if self._is_outside(name, off, -most, most, _BACK * most):
-                found[name] = self._lasting(alarm("drive", what=what), "deviation_persistence_s")
-        for check in self._book.checks():
-            if check.variable in TEXTS.limits and holds(check, now.phase):
-                self._limit(check, now, found)
-
-    def _limit(self, check: Check, now: Situation, found: dict[str, Alarm]) -> None:
-        """A limit by which the weld is judged; an interlock on the same quantity says more."""
-        low = -inf if check.min is None else check.min
-        high = inf if check.max is None else check.max
-        is_error = "_error_" in check.variable
-        back = _BACK * max(-low, high) if is_error else _BACK_RANGE * (high - low)
-        name = f"{check.kind}:{check.variable}"
-        back = back if isfinite(back) else 0.0
-        outside = self._is_outside(name, now.value(check.variable), low, high, back)
-        quantity = check.variable.partition("_")[0]
-        if outside and not any(one.startswith(f"interlock:{quantity}") for one in found):
+        """Values outside a limit; an interlock on the same quantity says more."""
+        for quantity, flag in now.flags.items() if self._measures(now) else ():
+            of_quantity = alarm_id("interlock", quantity.partition("_")[0])
+            if flag["kind"] in ("trip", "warn") or any(
+                name.startswith(of_quantity) for name in found
+            ):
+                continue
             # a step of the set-point takes its time
-            slow = check.variable == "temperature_error_c"
-            persistence = "deviation_persistence_s" if slow else "quality_persistence_s"
-            found[name] = self._lasting(of_limit(check), persistence)
+            slow = flag["kind"] == "deviation" or flag["variable"] == "temperature_error_c"
+            lasts_s = self._setting(f"{'deviation' if slow else 'quality'}_persistence_s")
+            kind = "quality" if flag["kind"] == "error" else flag["kind"]
+            one = replace(of_limit(kind, flag), on_s=lasts_s, off_s=lasts_s)
+            found[f"{kind}:{flag['variable']}"] = one
 
     def _reachable(self, now: Situation, found: dict[str, Alarm]) -> None:
         """Set-points that the controller replaces by what the drives can hold."""
         asked = Reference(now.value("reference_depth_mm"), now.value("reference_temperature_c"))
-        goal, share = now.attainable, _BACK_SHARE if self.replaced else 1.0
-        why = out_of_reach(asked, goal, share) if goal and self._measures(now) else None
+        goal = now.attainable
+        why = out_of_reach(asked, goal) if goal and self._measures(now) else None
         self.replaced = goal if why else None
         if goal is not None and why:
             action = "lower_temperature" if wants_heat(asked, goal) else "raise_temperature"
             found["out_of_reach"] = alarm("out_of_reach", why.code, why=why.words, action=action)
-
-    def _lasting(self, one: Alarm, persistence: str) -> Alarm:
-        persistence_s = self._setting(persistence)
-        return replace(one, on_s=persistence_s, off_s=persistence_s)
-
-    def _is_outside(self, name: str, value: float, low: float, high: float, back: float) -> bool:
-        """Whether a value is outside its limits, or has not come back inside by a margin."""
-        margin = back if name in self._outside else 0.0
-        if isfinite(value) and not low + margin <= value <= high - margin:
-            self._outside.add(name)
-        else:
-            self._outside.discard(name)
-        return name in self._outside
 
     # ---------------------------------------------------------------- the nodes
 

@@ -10,10 +10,10 @@ from zlib import crc32
 
 from pydantic import BaseModel
 
-from fsw_analysis.rule_book import Check
 from fsw_control.cause import Cause, Severity
 from fsw_control.schema.yaml_text import load_yaml
 from fsw_hmi.alarms import Alarm, Priority
+from fsw_hmi.standing import Flag
 
 _LONGEST_ID = 100
 #: advice that only helps while the weld is controlled
@@ -27,7 +27,6 @@ class _Texts(BaseModel):
     sensors: dict[str, str]
     interlocks: dict[str, tuple[str, str]]
     limits: dict[str, tuple[str, str]]
-    drives: dict[str, tuple[str, str, str]]
     standby: dict[str, str]
     expected: dict[str, frozenset[str]]
     actions: dict[str, str]
@@ -63,16 +62,17 @@ def of_interlock(name: str, level: str) -> Alarm:
     return alarm(kind, name, what=what, action=action)
 
 
-def of_limit(check: Check) -> Alarm:
-    """The alarm of a value outside a limit by which the weld is judged."""
-    what, unit = TEXTS.limits[check.variable]
-    if check.max is None:
-        why = f"below {check.min:g}"
-    elif check.min is None:
-        why = f"above {check.max:g}"
+def of_limit(kind: str, flag: Flag) -> Alarm:
+    """The alarm of a value outside a limit by which the weld is judged, or off its command."""
+    what, unit = TEXTS.limits[flag["variable"]]
+    low, high = flag["min"], flag["max"]
+    if high is None:
+        why = f"below {low:g}"
+    elif low is None:
+        why = f"above {high:g}"
     else:
-        why = f"outside {check.min:g} to {check.max:g}"
-    return alarm(check.kind, what=what, why=f"{why} {unit}")
+        why = f"outside {low:g} to {high:g}"
+    return alarm(kind, what=what, why=f"{why} {unit}")
 
 
 def of_errors(node: str, errors: Sequence[tuple[str, str]]) -> Alarm:

@@ -46,7 +46,7 @@ from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
 from fsw_hmi.requests import Acknowledge, SafeStop, Shelve, Unshelve
-from fsw_hmi.standing import flags_now
+from fsw_hmi.standing import Flag, flags_now
 from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage
@@ -93,9 +93,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         to_pages = self._on_rows, self._on_prediction, self._show_state
         self._watch = Watch(self, *to_pages, partial(self._show, "heat"))
         self._book = book_of(values["procedure"])
-        self._desk = AlarmDesk(self, self._watch, self._setting, self._book)
+        self._desk = AlarmDesk(self, self._watch, self._setting)
         self._weld = LiveWeld(self._book)
-        self._flags: dict[str, dict[str, str]] = {}
+        self._flags: dict[str, Flag] = {}
         self._stopping, self._recording = StopProgress(), Recording()
         self._headline: dict[str, str] = {}
         self._account: dict[str, Any] | None = None
@@ -199,7 +199,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     def _look(self) -> None:
         self._orders.look()
         self._watch.look()
-        if self._desk.judge():
+        if self._desk.judge(self._flags):
             self._show("alarms", self._desk.frame())
         self._show_headline()
 
