@@ -17,7 +17,6 @@ from fsw_hmi.alarm_texts import (
     ACTIONS,
     TEXTS,
     alarm,
-    alarm_id,
     of_errors,
     of_interlock,
     of_limit,
@@ -35,6 +34,8 @@ UNDER_WAY, DONE = ("running", "held"), "done"
 _NO_SAMPLE_S = 0.5
 #: what is said of a sensor whose fault is over, until its value is trusted again
 _AFTERWARDS = ("recovering",)
+#: alarms, by the beginning of their names, that keep the cause with which they began
+_KEPT = ("channel:", "standby")
 #: a standby that has begun to lead is no longer heard as one within this time
 _UNHEARD_S = 2 * NO_REPORT_S
 #: a plant reports its watchdog once a second, so later than commands come again
@@ -120,9 +121,8 @@ class AlarmRules:
         self._failed = "", ""
         self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}  # by sensor, the state that it began with
-        self._flaws: dict[str, ChannelHealth] = {}  # the same of depth channels
+        self._began: dict[str, Alarm] = {}  # alarms that are present, with their first cause
         self._leader, self._led_s = "", -inf  # and since when, if another one led before
-        self._alone = ""  # why no supervisor stands by, as it began
         #: present when a stop or the end began: it may be their effect
         self._before_stop: frozenset[str] = frozenset()
 
@@ -142,6 +142,10 @@ class AlarmRules:
         self._parts(now, now_s, found)
         if now.pages > 1:
             found["other_page"] = alarm("other_page")
+        for name in found:
+            if name.startswith(_KEPT):
+                found[name] = self._began.get(name, found[name])
+        self._began = found
         return self._unexpected(now, found)
 
     def _unexpected(self, now: Situation, found: dict[str, Alarm]) -> dict[str, Alarm]:
@@ -152,7 +156,7 @@ class AlarmRules:
             expected = TEXTS.expected["ended"]
         elif stopped is not None:
             # what led to the stop is no consequence of it
-            causes = {alarm_id("interlock", name) for name in stopped["tripped"]}
+            causes = {f"interlock:{name}" for name in stopped["tripped"]}
             expected = TEXTS.expected["stopped"] - causes
         elif now.programme != DONE:
             self._before_stop = frozenset(found)
@@ -202,7 +206,7 @@ class AlarmRules:
             fault = self._faults[name]
             why = TEXTS.sensors.get(fault, fault)
             found[f"sensor:{name}"] = alarm("sensor", fault, name=name, why=why)
-        _channels(now.channels, self._flaws, found)
+        _channels(now.channels, found)
 
     def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
         state, age_s = now.state, now.state_age_s
@@ -224,7 +228,7 @@ class AlarmRules:
             return
         for interlock in state["interlocks"]:
             name, level = interlock["name"], interlock["level"]
-            found[alarm_id("interlock", name)] = of_interlock(name, level)
+            found[f"interlock:{name}"] = of_interlock(name, level)
         replaced = self._mode(state, found)
         for one in state["controllers"]:
             if one["name"] != replaced:
@@ -277,7 +281,7 @@ class AlarmRules:
     def _values(self, now: Situation, found: dict[str, Alarm]) -> None:
         """Values outside a limit; an interlock on the same quantity says more."""
         for quantity, flag in now.flags.items() if self._measures(now) else ():
-            of_quantity = alarm_id("interlock", quantity.partition("_")[0])
+            of_quantity = f"interlock:{quantity.partition('_')[0]}"
             if flag["kind"] in ("trip", "warn") or any(
                 name.startswith(of_quantity) for name in found
             ):
@@ -305,23 +309,20 @@ class AlarmRules:
         """Errors of parts, one alarm for each node, and nodes of which no part reports any longer."""
         known = {one["name"] for one in now.state["controllers"]} if now.state else set()
         told = [node for name, nodes in _TOLD.items() if name in found for node in nodes]
-        failed = [name for name in known if alarm_id("controller", name) in found]
+        failed = [name for name in known if f"controller:{name}" in found]
         told += [*failed, *(f"fsw_{name}" for name in failed)]
         for node, parts in now.parts.items():
             if parts and all(part.level == "stale" for part in parts.values()):
                 if RECORDING in parts:
                     found["recorder"] = alarm("recorder")
                 elif node not in told:
-                    found[alarm_id("node", node)] = alarm("node_silent", node=node)
+                    found[f"node:{node}"] = alarm("node_silent", node=node)
                 continue
             if any(parts.get(what, _FINE).level == "error" for what in _WRITERS):
                 found["foreign"] = alarm("foreign")
-            if "standby" in parts and parts["standby"].level != "stale":
-                self._alone = ""
-            elif "standby" in parts:  # it leads now, or has died
-                took_over = now_s - self._led_s <= _UNHEARD_S
-                self._alone = self._alone or ("taken_over" if took_over else "lost")
-                found["standby"] = alarm("standby", self._alone, why=TEXTS.standby[self._alone])
+            if parts.get("standby", _FINE).level == "stale":  # it leads now, or has died
+                why = "taken_over" if now_s - self._led_s <= _UNHEARD_S else "lost"
+                found["standby"] = alarm("standby", why, why=TEXTS.standby[why])
             if node == MONITOR:
                 _watch(parts, found)
             if node == PROCEDURE and parts.get(DEVIATIONS, _FINE).level == "error":
@@ -334,7 +335,7 @@ class AlarmRules:
             if errors:
                 one = of_errors(node, errors)
                 own = node.startswith("fsw_") or node in known
-                found[alarm_id("part", node)] = one if own else replace(one, priority="low")
+                found[f"part:{node}"] = one if own else replace(one, priority="low")
 
 
 def standby_ready(parts: Mapping[str, Mapping[str, Part]]) -> bool:
@@ -344,19 +345,9 @@ def standby_ready(parts: Mapping[str, Mapping[str, Part]]) -> bool:
     )
 
 
-def _channels(
-    channels: Mapping[str, ChannelHealth],
-    flaws: dict[str, ChannelHealth],
-    found: dict[str, Alarm],
-) -> None:
-    """What is wrong with the channels of a fused depth, and whether it can be relied on.
-
-    An alarm says what it began with, which is kept in ``flaws``.
-    """
-    flawed = {name: one for name, one in channels.items() if one is not ChannelHealth.GOOD}
-    bad = {name: flaws.setdefault(name, health) for name, health in flawed.items()}
-    for name in flaws.keys() - bad.keys():
-        del flaws[name]
+def _channels(channels: Mapping[str, ChannelHealth], found: dict[str, Alarm]) -> None:
+    """What is wrong with the channels of a fused depth, and whether it can be relied on."""
+    bad = {name: one for name, one in channels.items() if one is not ChannelHealth.GOOD}
     suspect = [name for name in bad if channels[name] is ChannelHealth.SUSPECT]
     if suspect or (bad and len(bad) == len(channels)):
         names = suspect or list(bad)
@@ -394,11 +385,11 @@ def _watchdog(now: Situation, found: dict[str, Alarm]) -> None:
 def _controller(one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
     name, why = one["name"], one["why"] or NO_REASON
     if one["inhibited"]:
-        found[alarm_id("controller", name)] = alarm("inhibited", one["lack"], name=name, why=why)
+        found[f"controller:{name}"] = alarm("inhibited", one["lack"], name=name, why=why)
     elif not one["ready"]:
         if any(f"sensor:{sensor}" in found for sensor in one["missing_sensors"]):
             return  # that sensor is the cause
-        found[alarm_id("controller", name)] = alarm("not_ready", one["lack"], name=name, why=why)
+        found[f"controller:{name}"] = alarm("not_ready", one["lack"], name=name, why=why)
 
 
 def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
@@ -408,4 +399,4 @@ def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
             # a text with fields is of another alarm, which has their values
             is_known = part.action in ACTIONS and "{" not in ACTIONS[part.action]
             action = part.action if is_known else "see_trends"
-            found[alarm_id("watch", what)] = alarm("watch", what, cause=part.text, action=action)
+            found[f"watch:{what}"] = alarm("watch", what, cause=part.text, action=action)

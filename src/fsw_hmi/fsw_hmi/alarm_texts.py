@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from typing import Any
-from zlib import crc32
 
 from pydantic import BaseModel
 
@@ -15,7 +14,6 @@ from fsw_control.schema.yaml_text import load_yaml
 from fsw_hmi.alarms import Alarm, Priority
 from fsw_hmi.standing import Flag
 
-_LONGEST_ID = 100
 #: advice that only helps while the weld is controlled
 _OF_SET_POINTS = ("raise_temperature", "lower_temperature", "lower_depth")
 
@@ -85,17 +83,6 @@ def of_errors(node: str, errors: Sequence[tuple[str, str]]) -> Alarm:
 def flood(count: int, priority: Priority) -> Alarm:
     """The alarm that stands for so many of a priority."""
     return replace(alarm("flood", count=count), priority=priority)
-
-
-def alarm_id(kind: str, name: str) -> str:
-    """Identifier of the alarm of something that others named: short, of printable ASCII, different for each name."""
-    plain = f"{kind}:{name}"
-    if plain.isascii() and plain.isprintable() and len(plain) <= _LONGEST_ID:
-        return plain
-    kept = "".join(
-        one if one.isascii() and one.isprintable() else "?" for one in plain[: _LONGEST_ID - 10]
-    )
-    return f"{kept}#{crc32(plain.encode('utf-8', 'replace')):08x}"
 
 
 def tripped(state: Mapping[str, Any]) -> str:

@@ -31,14 +31,10 @@ _RESUME_S = 10.0
 #: for the record: an operator lost control without releasing it
 LOST = "lose control"
 _PAGE_CLOSED = Fact.of(Loss.PAGE_CLOSED)
-_CONTROL = {
-    "take_control": "take control",
-    "release_control": "release control",
-    "request_control": "ask for control",
-    "withdraw_request": "no longer ask for control",
-    "hand_over_control": "hand control over",
-    "keep_control": "keep control",
-}
+_CONTROL = (
+    *("take_control", "release_control", "request_control", "withdraw_request"),
+    *("hand_over_control", "keep_control"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,7 +267,7 @@ class ControlRoom:
         answer = self._ask_control(session, do, message, now_s)
         if answer.outcome == DONE:
             self.ended = None
-        return Verdict(answer=answer, kind=RequestKind.of(do), asked=_CONTROL[do])
+        return Verdict(answer=answer, kind=RequestKind.of(do), asked=do.replace("_", " "))
 
     def _ask_control(
         self, session: Session, do: str, message: dict[str, Any], now_s: float

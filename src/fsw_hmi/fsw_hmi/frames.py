@@ -18,21 +18,9 @@ from fsw_model.heat_profile import CORRELATION_MM
 
 #: order of the values in a row
 COLUMNS = (
-    "time_s",
-    "depth_mm",
-    "temperature_c",
-    "torque_nm",
-    "force_kn",
-    "speed_rpm",
-    "power_kw",
-    "reference_depth_mm",
-    "reference_temperature_c",
-    "command_force_kn",
-    "command_speed_rpm",
-    "latency_ms",
-    "solve_ms",
-    "angle_deg",
-    *(SENSORS[name].signal for name in OPTIONAL),
+    *("time_s", "depth_mm", "temperature_c", "torque_nm", "force_kn", "speed_rpm", "power_kw"),
+    *("reference_depth_mm", "reference_temperature_c", "command_force_kn", "command_speed_rpm"),
+    *("latency_ms", "solve_ms", "angle_deg", *(SENSORS[name].signal for name in OPTIONAL)),
 )
 
 #: distance of two places of the band (chosen: finer than what the heat is known for)

@@ -34,7 +34,6 @@ from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
 from fsw_hmi import users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
-from fsw_hmi.alarm_rules import NO_PROGRAMME_S
 from fsw_hmi.answers import Answer
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
@@ -82,7 +81,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         known, token = users.of(values["users_file"], values["token_file"])
         encrypted = tls_context(values["tls_cert"], values["tls_key"])
         files = PageFiles("live")
-        listening = listen(values["host"], values["port"], values["patience_s"])
+        listening = listen(values["host"], values["port"])
         self._received: deque[Order] = deque()
         self._holder = ""  # of control
         self._tick_sent_s = 0.0
@@ -90,8 +89,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._asked_leader, self._asked_s = "", float("-inf")
         self._actions = self.create_publisher(OperatorAction, "fsw/operator_action", LATCHED)
         self._get_parameters = self.create_client(GetParameters, "fsw_supervisor/get_parameters")
-        to_pages = self._on_rows, self._on_prediction, self._show_state
-        self._watch = Watch(self, *to_pages, partial(self._show, "heat"))
+        self._watch = Watch(self, self._on_rows, self._show)
         self._book = book_of(values["procedure"])
         self._desk = AlarmDesk(self, self._watch, self._setting)
         self._weld = LiveWeld(self._book)
@@ -166,12 +164,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         """Send a frame to all pages, in place of the one of its kind before, or of its kind and what it is of."""
         self._web.call(partial(self._page.show, f"{kind} {of}".rstrip(), frame(kind, content)))
 
-    def _on_prediction(self, content: dict[str, Any]) -> None:
-        self._show("prediction", content, content["controller"])
-
-    def _show_state(self) -> None:
-        self._show("state", self._watch.state_frame())
-
     def _show_headline(self) -> None:
         watch, desk = self._watch, self._desk
         programme = watch.progress["state"] if watch.progress else ""
@@ -188,10 +180,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         )
 
     def _say_hello(self) -> None:
-        hello = {
-            "limits": self._limits(),
-            "reference": reference(self._interlocks),
-        }
+        hello = {"limits": self._limits(), "reference": reference(self._interlocks)}
         self._web.call(partial(self._page.set_hello, hello))
 
     # ---------------------------------------------------------------- now and then
@@ -207,11 +196,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         watch = self._watch
         if not self._web.alive:
             raise RuntimeError("the page's server has ended")
-        self._show_state()
-        if watch.progress is not None:
-            old = time.monotonic() - watch.progress_s > NO_PROGRAMME_S
-            silent = {"state": "silent"} if old and watch.programme() else {}
-            self._show("progress", watch.progress | silent)
+        self._show("state", watch.state_frame())
+        watch.show_progress()
         newest_ns, recorder = watch.view.newest_ns, watch.recorder()
         newest_s = nan if newest_ns is None else newest_ns / NANOSECONDS
         self._recording.look(recorder.level, recorder.code, watch.recording, newest_s)

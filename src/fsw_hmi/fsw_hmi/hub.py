@@ -24,23 +24,18 @@ class History:
     def __init__(self) -> None:
         self._blocks: deque[str] = deque(maxlen=_BLOCKS)
         self._rows: list[str] = []
-        self._newest = ""
 
     def add(self, row: str) -> None:
         """Take an encoded row."""
         self._rows.append(row)
-        self._newest = ""
         if len(self._rows) == BLOCK:
             self._blocks.append(_frame(self._rows))
             self._rows.clear()
 
     def frames(self) -> list[str]:
         """Frames from the newest to the oldest; rows inside are in order of time."""
-        blocks = list(reversed(self._blocks))
-        if self._rows:
-            self._newest = self._newest or _frame(self._rows)
-            blocks.insert(0, self._newest)
-        return blocks
+        newest = [_frame(self._rows)] if self._rows else []
+        return [*newest, *reversed(self._blocks)]
 
 
 class Page:

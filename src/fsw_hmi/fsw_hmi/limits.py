@@ -22,22 +22,17 @@ from fsw_hmi.standing import QUANTITIES
 
 #: scales, chosen
 _TORQUE_NM, _POWER_KW = Range(300.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")
-#: by quantity: scale, further fields, and the supervisor's interlocks below and above
-_QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
-    "depth_mm": (
-        REFERENCE_DEPTH_MM,
-        {"dead_band": DEAD_BAND_DEPTH_MM},
-        *SET_POINT_INTERLOCKS["depth_mm"],
-    ),
+#: by quantity: scale, dead band, and the supervisor's interlocks below and above
+_QUANTITIES: dict[str, tuple[Range, float | None, str, str]] = {
+    "depth_mm": (REFERENCE_DEPTH_MM, DEAD_BAND_DEPTH_MM, *SET_POINT_INTERLOCKS["depth_mm"]),
     "temperature_c": (
-        REFERENCE_TEMPERATURE_C,
-        {"dead_band": DEAD_BAND_TEMPERATURE_C},
+        *(REFERENCE_TEMPERATURE_C, DEAD_BAND_TEMPERATURE_C),
         *SET_POINT_INTERLOCKS["temperature_c"],
     ),
-    "force_kn": (COMMAND_FORCE_KN, {}, "", "force_high"),
-    "speed_rpm": (COMMAND_SPEED_RPM, {}, "", ""),
-    "torque_nm": (_TORQUE_NM, {}, "torque_low", "torque_high"),
-    "power_kw": (_POWER_KW, {}, "", "power_high"),
+    "force_kn": (COMMAND_FORCE_KN, None, "", "force_high"),
+    "speed_rpm": (COMMAND_SPEED_RPM, None, "", ""),
+    "torque_nm": (_TORQUE_NM, None, "torque_low", "torque_high"),
+    "power_kw": (_POWER_KW, None, "", "power_high"),
 }
 _LEVELS = ("warn", "trip")
 #: smallest steps in which set-points are typed in, chosen
@@ -67,8 +62,8 @@ def limits(
     names in ``DEVIATIONS``.
     """
     found: dict[str, dict[str, Any]] = {}
-    for quantity, (scale, known, *_) in _QUANTITIES.items():
-        found[quantity] = {"range": [scale.low, scale.high], **known}
+    for quantity, (scale, dead_band, *_) in _QUANTITIES.items():
+        found[quantity] = {"range": [scale.low, scale.high], "dead_band": dead_band}
         for level in _LEVELS:
             pair = _interlocks(quantity, level, parameters)
             if pair != [None, None]:

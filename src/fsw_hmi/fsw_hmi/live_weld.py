@@ -42,7 +42,7 @@ class LiveWeld:
         #: of ``COLUMNS`` after the time, then what the programme has
         self._rows: list[tuple[float, ...]] = []
         self._texts: list[tuple[str, str, str]] = []  #: source, controller, mode
-        self._phases: list[tuple[int, str]] = []
+        self._phases: list[tuple[int, Any]] = []
         self._states: list[tuple[int, Any]] = []
         self._programme: list[tuple[int, Any]] = []
         self._problems: list[str] = []
@@ -81,14 +81,10 @@ class LiveWeld:
         state = self._state or ("", "", "", (), "", -1, "")
         self._texts.append((source, state[0], state[1]))
         was_over = bool(self._programme) and self._programme[-1][1] in OVER
-        changes: tuple[tuple[list[tuple[int, Any]], Any], ...]
-        changes = (self._states, state), (self._programme, progress.get("state", ""))
-        for found, value in changes:
-            if not found or found[-1][1] != value:
-                found.append((stamp_ns, value))
-        phase = progress.get("phase", "")
-        if phase and (not self._phases or self._phases[-1][1] != phase):
-            self._phases.append((stamp_ns, phase))
+        _note(self._states, stamp_ns, state)
+        _note(self._programme, stamp_ns, progress.get("state", ""))
+        if phase := progress.get("phase", ""):
+            _note(self._phases, stamp_ns, phase)
         begin_ns = self._stamps_ns[0]
         begin_s = float(experiment_time_s(np.array([begin_ns]))[0])
         # the record, too, ends with the tick in which the programme ends
@@ -167,3 +163,9 @@ class LiveWeld:
             angle_deg=columns["angle_deg"],
             travel_mm=columns["travel_mm"],
         )
+
+
+def _note(entries: list[tuple[int, Any]], stamp_ns: int, value: object) -> None:
+    """Add a value that is another than the last."""
+    if not entries or entries[-1][1] != value:
+        entries.append((stamp_ns, value))

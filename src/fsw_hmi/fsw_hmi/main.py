@@ -31,11 +31,10 @@ def parser() -> argparse.ArgumentParser:
     specs = describe(HmiParameters)
     kinds: dict[str, dict[str, Any]] = {"port": {"type": int}, "allow_hosts": {"action": "append"}}
     for name in _OPTIONS:
-        default = f" (default: {specs[name].default})" if specs[name].default else ""
-        default = "; several times" if name == "allow_hosts" else default
-        flag, text = f"--{name.removesuffix('s').replace('_', '-')}", specs[name].description
-        kind = kinds.get(name, {})
-        whole.add_argument(flag, dest=name, metavar="VALUE", help=text + default, **kind)
+        text, default = specs[name].description, specs[name].default
+        text += f" (default: {default})" if default else ""
+        flag = f"--{name.removesuffix('s').replace('_', '-')}"
+        whole.add_argument(flag, dest=name, metavar="VALUE", help=text, **kinds.get(name, {}))
     text = "show this recorded weld; twice: compare two"
     whole.add_argument("--bag", action="append", type=Path, metavar="BAG", help=text)
     return whole

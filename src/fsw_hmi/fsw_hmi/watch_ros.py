@@ -26,7 +26,14 @@ from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.reports_ros import CODE
 from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
-from fsw_hmi.alarm_rules import NO_REPORT_S, RECORDING, UNDER_WAY, Part, standby_ready
+from fsw_hmi.alarm_rules import (
+    NO_PROGRAMME_S,
+    NO_REPORT_S,
+    RECORDING,
+    UNDER_WAY,
+    Part,
+    standby_ready,
+)
 from fsw_hmi.frames import COLUMNS, heat_band, readable, short
 from fsw_hmi.weld_view import Row, WeldView
 from fsw_msgs.msg import (
@@ -67,21 +74,17 @@ class Watch:
     controllers. So this node subscribes to the sensors only while it hears the drives, whose
     subscribers are not counted.
 
-    ``on_rows`` gets the rows that are over, and whether another weld has begun; ``on_prediction``
-    a controller's prediction as the content of its frame, ``on_heat`` the known heat likewise;
-    ``on_state`` is called when the supervisor has reported.
+    ``on_rows`` gets the rows that are over, and whether another weld has begun; ``show`` the kind
+    and the content of a frame, and of predictions whose it is.
     """
 
     def __init__(
         self,
         node: Node,
         on_rows: Callable[[list[Row], bool], None],
-        on_prediction: Callable[[dict[str, Any]], None],
-        on_state: Callable[[], None],
-        on_heat: Callable[[dict[str, Any]], None],
+        show: Callable[..., None],
     ) -> None:
-        self._node, self._on_rows, self._on_prediction = node, on_rows, on_prediction
-        self._show_state, self._on_heat = on_state, on_heat
+        self._node, self._on_rows, self._show = node, on_rows, show
         self._known_heat_share = nan  # that the controller which commands uses
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
@@ -163,7 +166,7 @@ class Watch:
             fits = len(self._controllers) < _MOST_CONTROLLERS and _NAME.fullmatch(one.name)
             if fits and one.name not in self._controllers and not one.name.endswith("_"):
                 self._follow(one.name)
-        self._show_state()
+        self._show("state", self.state_frame())
 
     def _follow(self, controller: str) -> None:
         """Listen to a controller that the supervisor knows."""
@@ -189,14 +192,22 @@ class Watch:
         now_s = time.monotonic()
         if now_s - self._controllers[controller] >= _PREDICTION_PERIOD_S:
             self._controllers[controller] = now_s
-            self._on_prediction(_prediction(controller, message))
+            self._show("prediction", _prediction(controller, message), controller)
 
     def _on_heat_plan(self, message: HeatPlan) -> None:
-        self._on_heat(heat_band(convert.heat_plan(message)))
+        self._show("heat", heat_band(convert.heat_plan(message)))
 
     def _on_progress(self, message: WeldProgress) -> None:
         self.progress, self.progress_s = _progress(message), time.monotonic()
         self.view.angle_deg = degrees(message.angle)
+        self.show_progress()
+
+    def show_progress(self) -> None:
+        """Send what a programme has reported last; one that no longer reports is silent."""
+        if self.progress is not None:
+            old = time.monotonic() - self.progress_s > NO_PROGRAMME_S
+            silent = {"state": "silent"} if old and self.programme() else {}
+            self._show("progress", self.progress | silent)
 
     def programme(self) -> dict[str, Any] | None:
         """What a programme that is under way has reported last."""

@@ -34,8 +34,8 @@ _SEND_BUFFER_BYTES = 65536
 #: connections that wait in the kernel, all of which the loop accepts at once: a flood of new ones
 #: must not delay a safe stop (measured: 1.0 s with uvicorn's 2048, 0.11 s with this)
 _BACKLOG = 32
-#: for the end of the server's thread
-_PATIENCE_S = 5.0
+#: after which a page that takes nothing is given up (chosen), and for the end of the server's thread
+_PATIENCE_S, _END_S = 10.0, 5.0
 
 
 class Listening(socket.socket):
@@ -50,7 +50,7 @@ class Listening(socket.socket):
         return one, peer
 
 
-def listen(host: str, port: int, patience_s: float = 20.0) -> Listening:
+def listen(host: str, port: int, patience_s: float = _PATIENCE_S) -> Listening:
     """Open the listening socket; port 0: any free port.
 
     The kernel drops a connection whose client has taken nothing for ``patience_s``.
@@ -129,9 +129,10 @@ def application(routes: Sequence[BaseRoute], hosts: Iterable[str], gate: Gate) -
     bare = [host.strip("[]") for host in (*LOCAL_HOSTS, *hosts) if host and "*" not in host]
     allowed = [f"[{host}]" if ":" in host else host for host in bare]
     packed = GZipMiddleware(Starlette(routes=list(routes)), minimum_size=0)
-    own = TrustedHostMiddleware(packed, allowed, www_redirect=False)
+    own: Any = TrustedHostMiddleware(packed, allowed, www_redirect=False)  # uvicorn's types differ
     # a proxy on this computer names the browser's address (X-Forwarded-For)
-    return Security(ProxyHeadersMiddleware(own, LOCAL_ADDRESSES), gate.request)
+    proxied: Any = ProxyHeadersMiddleware(own, LOCAL_ADDRESSES)
+    return Security(proxied, gate.request)
 
 
 class _Server(uvicorn.Server):
@@ -210,7 +211,7 @@ class WebThread:
         """Close all pages and end."""
         self.call(self._page.end)
         self._server.should_exit = True
-        self._thread.join(_PATIENCE_S)
+        self._thread.join(_END_S)
 
     def _run(self) -> None:
         with asyncio.Runner(loop_factory=lambda: self._loop) as runner:

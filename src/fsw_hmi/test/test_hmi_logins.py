@@ -124,6 +124,6 @@ def test_control_is_handed_over_on_real_pages(make_server, users):
         assert olga.seen("control", lambda frame: frame["you"])["note_code"] == "received"
         recorded = [server.next_order() for _ in range(2)]
         assert [(one.who.split()[0], one.asked) for one in recorded] == [
-            ("olga", "ask for control"),
-            ("otto", "hand control over"),
+            ("olga", "request control"),
+            ("otto", "hand over control"),
         ]

@@ -156,7 +156,7 @@ def test_control_is_asked_for_and_handed_over(hall):
     assert olga.ask("hand_over_control", to=olga.session.id).answer.code == "not_holder"
     assert otto.ask("hand_over_control", to=egon.session.id).answer.code == "another_asks"
     verdict = otto.ask("hand_over_control", to=olga.session.id)
-    assert (verdict.asked, verdict.answer.code) == ("hand control over", "handed_over")
+    assert (verdict.asked, verdict.answer.code) == ("hand over control", "handed_over")
     assert hall.room.holder is olga.session
     assert otto.ask("mode", mode="hold").action is None
     assert (otto.control["note_code"], olga.control["note_code"]) == ("handed_over", "received")

@@ -537,7 +537,7 @@ def _alarm(
         "advice": "Check the sensor, then swap the controller or stop",
         "action": "check_sensor",
         "cause": "",
-        **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s},
+        **{"first_out": False, "first": "", "raised_s": raised_s},
         "first_s": raised_s - 100.0,
         **{"shelved": "anna: it is being replaced", "shelved_until_s": None},
         **changed,
