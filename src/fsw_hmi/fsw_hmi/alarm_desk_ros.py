@@ -40,14 +40,14 @@ class AlarmDesk:
         situation = self._situation(flags)
         present = self._rules.present(situation, now_s)
         changed = self.list.update(present, now_s)
-        listed = {name: one.alarm for name, one in self.list.entries.items() if one.present}
+        listed = {name: entry.alarm for name, entry in self.list.entries.items() if entry.present}
         before = self._reach, self._replaced
         self._reach, goal = self._rules.reach(situation, listed), self._rules.replaced
-        told = goal and {
+        replaced = goal and {
             "depth_mm": round(goal.depth_mm, 2),
             "temperature_c": round(goal.temperature_c, 1),
         }
-        self._replaced = told or None
+        self._replaced = replaced or None
         self._publish()
         return changed or before != (self._reach, self._replaced)
 
@@ -97,17 +97,17 @@ class AlarmDesk:
 
     def _publish(self) -> None:
         events, self.list.events = self.list.events, []
-        for one in events:
+        for event in events:
             self._journal.publish(
                 AlarmEvent(
                     header=convert.header(int(self._node.get_clock().now().nanoseconds)),
-                    id=one.id,
-                    kind=int(one.kind),
-                    priority=one.alarm.priority,
-                    text=one.alarm.text,
-                    count=one.count,
-                    who=one.who,
-                    reason=one.reason,
-                    shelved_for=one.shelved_for_s,
+                    id=event.id,
+                    kind=int(event.kind),
+                    priority=event.alarm.priority,
+                    text=event.alarm.text,
+                    count=event.count,
+                    who=event.who,
+                    reason=event.reason,
+                    shelved_for=event.shelved_for_s,
                 )
             )

@@ -228,23 +228,23 @@ class AlarmList:
     def _mark_first(self, name: str, trip: Entry, now_s: float) -> None:
         """Mark the first of the alarms that led to a trip."""
         led = [
-            one
-            for one in self.entries.values()
-            if one is trip
+            entry
+            for entry in self.entries.values()
+            if entry is trip
             or (
-                RANK[one.alarm.priority] < RANK["low"]
-                and now_s - one.raised_s <= _LED_S
-                and (one.present or now_s - (one.absent_s or 0.0) <= _JUST_GONE_S)
+                RANK[entry.alarm.priority] < RANK["low"]
+                and now_s - entry.raised_s <= _LED_S
+                and (entry.present or now_s - (entry.absent_s or 0.0) <= _JUST_GONE_S)
             )
         ]
         self._unmark_first(name)
-        first = min(led, key=lambda one: one.number)
+        first = min(led, key=lambda entry: entry.number)
         first.led_to, trip.first = name, first.alarm.text
 
     def _unmark_first(self, trip: str) -> None:
-        for one in self.entries.values():
-            if one.led_to == trip:
-                one.led_to = ""
+        for entry in self.entries.values():
+            if entry.led_to == trip:
+                entry.led_to = ""
 
     def _log(self, name: str, kind: AlarmChange, entry: Entry, *more: Any) -> None:
         """Add a line of the journal; ``more`` is who asked for it, why and for how long."""
@@ -269,7 +269,7 @@ class AlarmList:
 
     def waiting(self, up_to: int) -> list[str]:
         """Alarms to be acknowledged that were raised before a person has seen the list, by its newest number."""
-        seen = {name: one.state for name, one in self.entries.items() if one.newest <= up_to}
+        seen = {name: entry.state for name, entry in self.entries.items() if entry.newest <= up_to}
         return [name for name, state in seen.items() if state in ("active", "cleared")]
 
     def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float) -> Answer:
@@ -298,7 +298,7 @@ class AlarmList:
         return Code.UNSHELVED.done()
 
     def _unshelve_expired(self, now_s: float) -> bool:
-        until_s = {name: one.shelved_until_s for name, one in self.entries.items()}
+        until_s = {name: entry.shelved_until_s for name, entry in self.entries.items()}
         over = [name for name, end_s in until_s.items() if end_s is not None and now_s >= end_s]
         for name in over:
             self.unshelve(name, "")
@@ -323,14 +323,15 @@ class AlarmList:
         shift_s = wall_s - now_s
         return [
             {"id": name}
-            | {key: getattr(one.alarm, key) for key in _OF_ALARM}
-            | {key: getattr(one, key) for key in _OF_ENTRY}
+            | {key: getattr(entry.alarm, key) for key in _OF_ALARM}
+            | {key: getattr(entry, key) for key in _OF_ENTRY}
             | {
-                "number": one.newest,
-                "first_out": bool(one.led_to),
-                "first_s": round(one.first_s + shift_s, 3),
-                "raised_s": round(one.raised_s + shift_s, 3),
-                "shelved_until_s": one.shelved_until_s and round(one.shelved_until_s + shift_s),
+                "number": entry.newest,
+                "first_out": bool(entry.led_to),
+                "first_s": round(entry.first_s + shift_s, 3),
+                "raised_s": round(entry.raised_s + shift_s, 3),
+                "shelved_until_s": entry.shelved_until_s
+                and round(entry.shelved_until_s + shift_s),
             }
-            for name, one in listed
+            for name, entry in listed
         ]

@@ -83,16 +83,16 @@ def view(signals: WeldSignals, name: str) -> BagView:
         "name": name,
         "duration_s": round(float(signals.time_s[-1]), 3),
         "start_s": None if start_ns < SIMULATED_NS else round(start_ns / NANOSECONDS, 3),
-        "controllers": [one for one in dict.fromkeys(signals.command_source) if one],
+        "controllers": [name for name in dict.fromkeys(signals.command_source) if name],
         "events": [
-            {"time_s": round(one.time_s, 3), "kind": one.kind, "text": one.text}
-            for one in signals.events
+            {"time_s": round(event.time_s, 3), "kind": event.kind, "text": event.text}
+            for event in signals.events
         ],
         "account": page_account(judge(signals, book)),
         "problems": problems,
     }
-    found = limits(parameters, book)
-    return BagView(summary, rows=_rows(signals, book, found), limits=found)
+    own = limits(parameters, book)
+    return BagView(summary, rows=_rows(signals, book, own), limits=own)
 
 
 def _rows(
@@ -139,8 +139,8 @@ def _errors_of(signals: WeldSignals) -> dict[str, FloatArray]:
 
 def _solve_time_s(signals: WeldSignals) -> FloatArray:
     """Solve time of the active controller; NaN without one."""
-    found = np.full(signals.n_ticks, np.nan)
+    solve_s = np.full(signals.n_ticks, np.nan)
     for name, status in signals.statuses.items():
         chosen = signals.command_source == name
-        found[chosen] = status.solve_time_s[chosen]
-    return found
+        solve_s[chosen] = status.solve_time_s[chosen]
+    return solve_s

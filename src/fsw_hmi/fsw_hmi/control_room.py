@@ -245,7 +245,7 @@ class ControlRoom:
 
     def _wrong_login(self, session: Session, name: str, now_s: float) -> Verdict:
         wrong = Code[f"WRONG_{self.login.upper()}"].refused()
-        recent = {key: one for key, one in self._wrong.items() if now_s - one[0] < _RECORD_S}
+        recent = {key: entry for key, entry in self._wrong.items() if now_s - entry[0] < _RECORD_S}
         begin_s, count = recent.get(session.client, (now_s, 0))
         self._wrong = recent | {session.client: (begin_s, count + 1)}
         session.wrong_logins += 1

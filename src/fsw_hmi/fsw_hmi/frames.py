@@ -47,9 +47,9 @@ def heat_band(plan: HeatPlan | None) -> dict[str, Any]:
     per_mm = (high - low) / np.maximum(high_mm - low_mm, 1e-9)
     return {
         "type": readable(plan.type, 100),
-        "angle_deg": [short(one) for one in angle_deg.tolist()],
-        "heat_kw": [short(one) for one in np.interp(angle_deg, turned_deg, plan.heat_kw).tolist()],
-        "deviation_kw": [short(one) for one in np.sqrt(per_mm * half_mm).tolist()],
+        "angle_deg": [short(value) for value in angle_deg.tolist()],
+        "heat_kw": [short(kw) for kw in np.interp(angle_deg, turned_deg, plan.heat_kw).tolist()],
+        "deviation_kw": [short(value) for value in np.sqrt(per_mm * half_mm).tolist()],
     }
 
 
@@ -79,9 +79,9 @@ _EPOCH = re.compile(r"\b[1-9]\d{9}(?:\.\d+ s|\.\d+| s)\b")
 def readable(text: str, longest: int = 200) -> str:
     """Text of another node for operators: short, printable, with clock times, °C for degC."""
     text = text.replace("degC", "°C")
-    text = "".join(one if one.isprintable() else "?" for one in text[: 2 * longest])
+    text = "".join(letter if letter.isprintable() else "?" for letter in text[: 2 * longest])
     text = _EPOCH.sub(
-        lambda found: time.strftime("%H:%M:%S UTC", time.gmtime(float(found[0].rstrip(" s")))),
+        lambda match: time.strftime("%H:%M:%S UTC", time.gmtime(float(match[0].rstrip(" s")))),
         text,
     )
     return text if len(text) <= longest else f"{text[: longest - 1]}…"

@@ -145,19 +145,19 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._weld.on_progress(self._watch.progress)
         if self._watch.state is not None:
             self._weld.on_state(self._watch.leader, self._watch.state)
-        for one in rows:
-            self._weld.add(one, self._watch.source)
-            text = row(one.stamp_ns, one.values)
+        for tick in rows:
+            self._weld.add(tick, self._watch.source)
+            text = row(tick.stamp_ns, tick.values)
             shown = None
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
                 self._flags = flags_now(
                     self._watch.values, self._watch.programme(), self._book, self._limits()
                 )
-                values = self._watch.values | {"time_s": one.stamp_ns / NANOSECONDS}
+                values = self._watch.values | {"time_s": tick.stamp_ns / NANOSECONDS}
                 stop = self._stopping.at(self._watch.stopped, values, safe_state(self._interlocks))
-                found = f'"flags":{json.dumps(self._flags)},"stop":{json.dumps(stop)}'
-                shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},{found}}}'
+                rest = f'"flags":{json.dumps(self._flags)},"stop":{json.dumps(stop)}'
+                shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},{rest}}}'
             self._web.call(partial(self._page.tick, text, shown, now_s))
 
     def _show(self, kind: str, content: Mapping[str, Any], of: str = "") -> None:
@@ -216,10 +216,10 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         response = future.result()
         if response is None:
             return
-        values = zip(PARAMETERS, response.values, strict=False)
-        found = {name: one.double_value for name, one in values if one.type == 3}  # a double
-        if found != self._interlocks:
-            self._interlocks = found
+        values = zip(PARAMETERS, response.values, strict=False)  # of type 3: a double
+        interlocks = {name: value.double_value for name, value in values if value.type == 3}
+        if interlocks != self._interlocks:
+            self._interlocks = interlocks
             self._say_hello()
 
     # ---------------------------------------------------------------- orders

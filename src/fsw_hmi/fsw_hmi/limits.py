@@ -37,7 +37,7 @@ _QUANTITIES: dict[str, tuple[Range, float | None, str, str]] = {
 _LEVELS = ("warn", "trip")
 #: smallest steps in which set-points are typed in, chosen
 _STEPS = {"depth_mm": 0.01, "temperature_c": 0.1}
-_NAMES = [name for one in _QUANTITIES.values() for name in one[2:] if name]
+_NAMES = [name for entry in _QUANTITIES.values() for name in entry[2:] if name]
 _SAFE = ("safe_force_kn", "safe_rate_kn_per_s")
 #: the supervisor's parameters that are used
 PARAMETERS = (*(f"interlocks.{name}.{level}" for name in _NAMES for level in _LEVELS), *_SAFE)
@@ -61,27 +61,27 @@ def limits(
     ``.trip``; ``book`` is the rule book by which the weld is judged, and ``deviations`` go by the
     names in ``DEVIATIONS``.
     """
-    found: dict[str, dict[str, Any]] = {}
+    by_quantity: dict[str, dict[str, Any]] = {}
     for quantity, (scale, dead_band, *_) in _QUANTITIES.items():
-        found[quantity] = {"range": [scale.low, scale.high], "dead_band": dead_band}
+        by_quantity[quantity] = {"range": [scale.low, scale.high], "dead_band": dead_band}
         for level in _LEVELS:
             pair = _interlocks(quantity, level, parameters)
             if pair != [None, None]:
-                found[quantity][level] = pair
+                by_quantity[quantity][level] = pair
         if deviations is not None and f"deviation_{quantity}" in deviations:
-            found[quantity]["deviation"] = deviations[f"deviation_{quantity}"]
+            by_quantity[quantity]["deviation"] = deviations[f"deviation_{quantity}"]
         kept = [
-            {"low": one.min, "high": one.max, "of_aim": one.variable != quantity}
-            for _, one in book.limits()
-            if one.variable in (quantity, QUANTITIES[quantity])
+            {"low": limit.min, "high": limit.max, "of_aim": limit.variable != quantity}
+            for _, limit in book.limits()
+            if limit.variable in (quantity, QUANTITIES[quantity])
         ]
         if kept:
-            found[quantity]["kept"] = kept
+            by_quantity[quantity]["kept"] = kept
         rows = (row for row in SENSORS.values() if row.quantity.signal == quantity)
         others = [{"key": row.signal, "name": row.title} for row in rows if not row.required]
         if others:
-            found[quantity]["others"] = others
-    return found
+            by_quantity[quantity]["others"] = others
+    return by_quantity
 
 
 def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
@@ -92,15 +92,15 @@ def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
 
 def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Permitted set-points, as far as trips are known; ``parameters`` as in :func:`limits`."""
-    found: dict[str, Any] = {
+    permitted: dict[str, Any] = {
         "rate_depth_mm_per_s": WELD_RATE_DEPTH_MM_PER_S,
         "rate_temperature_c_per_s": WELD_RATE_TEMPERATURE_C_PER_S,
     }
     for quantity, step in _STEPS.items():
         allowed = _QUANTITIES[quantity][0]
         under, over = _interlocks(quantity, "trip", parameters)
-        found[quantity] = [
+        permitted[quantity] = [
             allowed.low if under is None else max(allowed.low, round(under + step, 6)),
             allowed.high if over is None else min(allowed.high, round(over - step, 6)),
         ]
-    return found
+    return permitted

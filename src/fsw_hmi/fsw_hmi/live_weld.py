@@ -52,7 +52,7 @@ class LiveWeld:
     def on_state(self, leader: str, state: Mapping[str, Any]) -> None:
         """Take what the supervisor reports, as the page gets it, and its identity."""
         controller, mode, *rest = (state[name] for name in _STATE)
-        interlocks = tuple((one["name"], one["level"]) for one in state["interlocks"])
+        interlocks = tuple((lock["name"], lock["level"]) for lock in state["interlocks"])
         self._state = controller, mode, leader, interlocks, *rest
 
     def on_progress(self, progress: Mapping[str, Any]) -> None:
@@ -130,11 +130,11 @@ class LiveWeld:
             return [(stamp / NANOSECONDS - shift_s, value) for stamp, value in entries]
 
         phases = [(name, time) for time, name in at(self._phases)]
-        found = [WeldEvent(time, "phase", name) for name, time in phases]
+        events = [WeldEvent(time, "phase", name) for name, time in phases]
         programme, state = self._programme, (self._progress or {}).get("state", "")
         if state in OVER and programme[-1][1] != state:  # no tick has come after the end
             programme = [*programme, (self._stamps_ns[-1], state)]
-        found += [*of_programme_states(at(programme)), *of_states(at(self._states))]
+        events += [*of_programme_states(at(programme)), *of_states(at(self._states))]
         return WeldSignals(
             path=Path(),
             stamp_ns=stamp_ns,
@@ -153,7 +153,7 @@ class LiveWeld:
             drives=DriveSignals(columns["force_kn"], columns["speed_rpm"]),
             problems=[*self._problems],
             phases=phases,
-            events=sorted(found, key=lambda one: one.time_s),
+            events=sorted(events, key=lambda event: event.time_s),
             programme_depth_mm=np.where(
                 without, columns["reference_depth_mm"], columns["programme_depth_mm"]
             ),

@@ -67,7 +67,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def _overrides(parsed: argparse.Namespace) -> list[str]:
     """Options as parameters of the node; JSON is YAML that needs no quotes."""
     values = {name: getattr(parsed, name) for name in _OPTIONS}
-    given = [f"{name}:={json.dumps(one)}" for name, one in values.items() if one is not None]
+    given = [f"{name}:={json.dumps(value)}" for name, value in values.items() if value is not None]
     return ["--ros-args", *(word for text in given for word in ("-p", text))]
 
 

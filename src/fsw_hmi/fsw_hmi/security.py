@@ -63,23 +63,23 @@ def _is_own(scope: Scope) -> bool:
 
 def client_of(address: str) -> str:
     """Client by which limits count: an IPv4 address, or the /64 network of an IPv6 address."""
-    found = _ip(address)
+    ip = _ip(address)
     return (
-        str(IPv6Network((found, 64), strict=False))
-        if isinstance(found, IPv6Address)
-        else str(found or address)
+        str(IPv6Network((ip, 64), strict=False))
+        if isinstance(ip, IPv6Address)
+        else str(ip or address)
     )
 
 
 def is_loopback(address: str) -> bool:
     """Whether the address belongs to this computer."""
-    found = _ip(address)
-    return found is not None and found.is_loopback
+    ip = _ip(address)
+    return ip is not None and ip.is_loopback
 
 
 def _ip(address: str) -> IPv4Address | IPv6Address | None:
     try:
-        found = ip_address(address.partition("%")[0])
+        ip = ip_address(address.partition("%")[0])
     except ValueError:
         return None
-    return (found.ipv4_mapped or found) if isinstance(found, IPv6Address) else found
+    return (ip.ipv4_mapped or ip) if isinstance(ip, IPv6Address) else ip

@@ -54,13 +54,13 @@ def variables(
 ) -> dict[str, float]:
     """Values of a row, and errors from the programme's set-points or else those in force."""
     own = programme_aims(progress)
-    found = dict(values)
+    every = dict(values)
     for quantity, error in QUANTITIES.items():
         if error:
-            found[error] = values.get(quantity, nan) - own.get(
+            every[error] = values.get(quantity, nan) - own.get(
                 quantity, values.get(f"reference_{quantity}", nan)
             )
-    return found
+    return every
 
 
 def programme_aims(progress: Mapping[str, Any] | None) -> dict[str, float]:
@@ -90,7 +90,7 @@ def flags(
     limits : mapping
         Interlocks in force and deviations of the drives, as of ``fsw_hmi.limits.limits``.
     """
-    found: list[dict[str, Flag]] = [{} for _ in range(phases.size)]
+    flags_of_row: list[dict[str, Flag]] = [{} for _ in range(phases.size)]
     for quantity in QUANTITIES:
         for test in _tests(quantity, book, limits.get(quantity, {})):
             values = columns.get(test.variable)
@@ -113,8 +113,8 @@ def flags(
                 flag = {"level": level, "text": f"{words}, {side}", **limit}
                 outside = False if end is None else is_outside(values, end)
                 for row in np.flatnonzero(outside & held):
-                    found[row].setdefault(quantity, flag)
-    return found
+                    flags_of_row[row].setdefault(quantity, flag)
+    return flags_of_row
 
 
 def flags_now(
@@ -131,10 +131,11 @@ def flags_now(
 
 def _tests(quantity: str, book: RuleBook, own: Mapping[str, Any]) -> Iterator[_Test]:
     """Ranges of a quantity, in order of severity."""
-    checks = [one for one in book.checks() if one.variable in (quantity, QUANTITIES[quantity])]
+    variables = quantity, QUANTITIES[quantity]
+    checks = [check for check in book.checks() if check.variable in variables]
     if "trip" in own:
         yield _Test("trip", quantity, *own["trip"])
-    yield from (_of_check("essential", one) for one in checks if one.kind == "essential")
+    yield from (_of_check("essential", check) for check in checks if check.kind == "essential")
     if "warn" in own:
         yield _Test("warn", quantity, *own["warn"])
     for check in checks:

@@ -94,8 +94,8 @@ class LivePage:
             page.show("beat", beat)
 
     def _look_at_control(self) -> None:
-        for one in self._room.tick(time.monotonic()):
-            self._hand_on(one)
+        for record in self._room.tick(time.monotonic()):
+            self._hand_on(record)
         self._show_control()
 
     # ---------------------------------------------------------------- one page
@@ -225,8 +225,8 @@ class LivePage:
 
         def reply(answer: Answer) -> None:
             """Take the outcome; only the first one counts."""
-            for one in ids:
-                page.answer(_answer(one, answer))
+            for number in ids:
+                page.answer(_answer(number, answer))
             ids.clear()
 
         who = page.session.who

@@ -60,27 +60,29 @@ def listen(host: str, port: int, patience_s: float = _PATIENCE_S) -> Listening:
     ValueError
         When that is not possible; the message says what to do.
     """
-    one: Listening | None = None
+    listening: Listening | None = None
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
-        one = Listening(family, kind, protocol)
-        one.gate = Gate()
-        one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        one.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        listening = Listening(family, kind, protocol)
+        listening.gate = Gate()
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         if hasattr(socket, "TCP_USER_TIMEOUT"):
-            one.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * patience_s))
-        one.bind(address)
-        one.listen(_BACKLOG)
+            listening.setsockopt(
+                socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * patience_s)
+            )
+        listening.bind(address)
+        listening.listen(_BACKLOG)
     except OSError as error:
-        if one is not None:
-            one.close()
+        if listening is not None:
+            listening.close()
         raise ValueError(
             f"cannot listen on {host!r} port {port}: {error.strerror}; "
             "give an address of this computer, and a free port (0: any)"
         ) from None
-    return one
+    return listening
 
 
 def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
