@@ -19,7 +19,7 @@ from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
 from fsw_control.sensors import OPTIONAL, SENSORS
 from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
-from fsw_hmi.frames import COLUMNS, short
+from fsw_hmi.frames import COLUMNS, SIGNALS, short
 from fsw_hmi.limits import limits
 from fsw_hmi.standing import flags
 from fsw_recorder.errors import BagError
@@ -104,9 +104,7 @@ def _rows(
         (acting.force_kn, acting.speed_rpm) if acting is not None else (nothing, nothing)
     )
     columns = {
-        "depth_mm": signals.depth_mm,
-        "temperature_c": signals.temperature_c,
-        "torque_nm": signals.torque_nm,
+        **{column: getattr(signals, signal) for column, signal in SIGNALS.items()},
         **{
             (signal := SENSORS[name].signal): signals.optional.get(signal, nothing)
             for name in OPTIONAL
@@ -114,13 +112,8 @@ def _rows(
         "force_kn": force_kn,
         "speed_rpm": speed_rpm,
         "power_kw": signals.torque_nm * speed_rpm * KW_PER_NM_RPM,
-        "reference_depth_mm": signals.reference_depth_mm,
-        "reference_temperature_c": signals.reference_temperature_c,
-        "command_force_kn": signals.force_kn,
-        "command_speed_rpm": signals.speed_rpm,
         "latency_ms": 1e3 * signals.command_latency_s,
         "solve_ms": 1e3 * _solve_time_s(signals),
-        "angle_deg": signals.angle_deg,
     }
     numbers = [map(short, columns[name].tolist()) for name in COLUMNS[1:]]
     time_s = np.round(signals.time_s, 3).tolist()

@@ -23,6 +23,11 @@ COLUMNS = (
     *("latency_ms", "solve_ms", "angle_deg", *(SENSORS[name].signal for name in OPTIONAL)),
 )
 
+_SAME = ("depth_mm", "torque_nm", "temperature_c", "angle_deg")
+#: by column: the signal of a weld (``fsw_analysis.weld_signals``)
+SIGNALS = {name: name for name in (*_SAME, "reference_depth_mm", "reference_temperature_c")}
+SIGNALS |= {"command_force_kn": "force_kn", "command_speed_rpm": "speed_rpm"}
+
 #: distance of two places of the band (chosen: finer than what the heat is known for)
 _STEP_DEG = 2.0
 #: content of the frame without known heat

@@ -18,7 +18,7 @@ from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import DriveSignals, WeldSignals, experiment_time_s
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.units import NANOSECONDS
-from fsw_hmi.frames import COLUMNS
+from fsw_hmi.frames import COLUMNS, SIGNALS
 from fsw_hmi.hub import KEPT
 from fsw_hmi.standing import programme_aims
 from fsw_hmi.weld_view import Row
@@ -139,12 +139,8 @@ class LiveWeld:
             path=Path(),
             stamp_ns=stamp_ns,
             time_s=time_s,
-            **{(signal := SENSORS[name].signal): columns[signal] for name in REQUIRED},
+            **{signal: columns[column] for column, signal in SIGNALS.items()},
             optional={(signal := SENSORS[name].signal): columns[signal] for name in OPTIONAL},
-            reference_depth_mm=columns["reference_depth_mm"],
-            reference_temperature_c=columns["reference_temperature_c"],
-            force_kn=columns["command_force_kn"],
-            speed_rpm=columns["command_speed_rpm"],
             command_source=source,
             command_reason=source,
             command_latency_s=columns["latency_ms"],
@@ -160,7 +156,6 @@ class LiveWeld:
             programme_temperature_c=np.where(
                 without, columns["reference_temperature_c"], columns["programme_temperature_c"]
             ),
-            angle_deg=columns["angle_deg"],
             travel_mm=columns["travel_mm"],
         )
 
