@@ -65,7 +65,9 @@ def install(folder: Path, *options: str) -> Path:
             command, cwd=folder, env=own, stdin=subprocess.DEVNULL, capture_output=True, text=True
         )
         if ran.returncode:
-            lines = [one for one in ran.stderr.splitlines() if " failed" in one] or ["no reason"]
+            lines = [line for line in ran.stderr.splitlines() if " failed" in line] or [
+                "no reason"
+            ]
             raise NpmError(f"'npm ci' failed, is its registry reachable? {lines[0]}")
         installed.write_bytes(lock)
     return modules

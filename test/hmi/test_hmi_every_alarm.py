@@ -316,7 +316,7 @@ def test_alarms_of_the_process(graph):
         "Depth off",
     )
     weld.cycle(
-        "quality:temperature_error_c", fault("bias", -30.0), fault("none"), "Temperature off"
+        "quality:temperature_error_c", fault("bias", 25.0), fault("none"), "Temperature off"
     )
     weld.cycle(
         "essential:temperature_c", fault("bias", -30.0), fault("none"), "outside 790 to 910"

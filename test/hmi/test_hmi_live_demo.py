@@ -98,7 +98,7 @@ def test_what_is_killed_is_started_again_and_an_interrupt_ends_everything(demo, 
 
 
 @pytest.mark.requirement("S34")
-@pytest.mark.parametrize("killed", [(), ("scenario_node",), ("supervisor_node",)], ids=" ".join)
+@pytest.mark.parametrize("killed", [("scenario_node",), ("supervisor_node",)], ids=" ".join)
 @pytest.mark.full
 def test_safe_stop_keeps_the_page_up_whatever_was_killed(demo, tmp_path, killed):
     child, url, _ = demo(PROGRAMME)

@@ -10,7 +10,7 @@ from fsw_control.free_domain import free_domain
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import parse
 from fsw_test_support.browser import shot
-from fsw_test_support.page_steps import DRAWN_AHEAD, band_pixels, in_control, press, until
+from fsw_test_support.page_steps import DRAWN_AHEAD, in_control, press, until
 from fsw_test_support.patient_weld import PATIENT_ARGUMENTS, PatientWeld
 from fsw_test_support.waiting import PATIENCE_S, wait_for_text
 
@@ -49,20 +49,14 @@ phases:
 
 
 @pytest.fixture
-def bounds():
-    """Parameters of the NMPC."""
-    return []
-
-
-@pytest.fixture
-def address(tmp_path, bounds):
+def address(tmp_path):
     """Address and token of a page at a weld that runs."""
     with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
         launcher.start("hmi", "fsw_hmi.main", ["--port", "0"])
         url = wait_for_text(launcher, "hmi", r"http://\S+")
         token = wait_for_text(launcher, "hmi", r"token: \S+").split()[1]
         for name, (module, arguments) in PARTS.items():
-            launcher.start(name, module, bounds if name == "nmpc" else arguments)
+            launcher.start(name, module, arguments)
         yield url, token, launcher
 
 
@@ -121,60 +115,6 @@ def test_set_points_swap_and_safe_stop_by_clicking(address, open_page):
     shot(page, "graph_safe_stop")
     hold_after_stop(page)
     expect(page.locator("#who strong")).to_contain_text("hold")
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("bounds", [["--ros-args", "-p", "speed_max:=415.0"]], ids=["415 rpm"])
-def test_set_point_out_of_reach_of_the_real_nmpc_is_an_alarm_and_of_a_trip_the_first_is_marked(
-    address, open_page
-):
-    url, token, launcher = address
-    page = open_page(url)
-    in_control(page, secret=token)
-    form, who = page.locator("dialog"), page.locator("#who strong")
-    alarms, tile = page.locator("ol.alarms"), page.locator("#value-temperature_c")
-
-    def ask_for(temperature_c):
-        press(page, "Set-points")
-        form.get_by_label("Depth").fill("2.66")
-        form.get_by_label("Temperature").fill(temperature_c)
-        form.get_by_label("as a ramp").uncheck()
-        press(page, "Apply set-points")
-        expect(form).to_have_count(0)
-
-    expect(page.locator("#value-depth_mm output")).not_to_have_text("–")
-    ask_for("816.4")
-    expect(who).to_contain_text("auto")
-    if who.inner_text().startswith("decentral"):
-        press(page, "Controller")
-        form.get_by_label("nmpc").check()
-        form.locator("select").select_option("10")
-        press(page, "Swap")
-    expect(who).to_have_text("nmpc · auto")
-    expect(alarms).not_to_contain_text("in place of nmpc")  # it was asked for
-    until(page, f"{band_pixels('temperature_c')} > 20")
-    shot(page, "graph_band")
-
-    ask_for("860.0")
-    told = "Set-point out of reach: 860 °C asked, 8[1-4]. °C attainable: speed at its upper bound"
-    expect(alarms).to_contain_text(re.compile(told))
-    expect(tile.locator(".flag")).to_contain_text("attainable 8")
-    expect(tile.locator(".goal")).to_be_visible()
-    shot(page, "graph_out_of_reach")
-    ask_for("816.5")
-    reached = alarms.locator("li", has_text="Set-point out of reach")
-    expect(reached).to_have_class(re.compile("cleared"))
-    expect(tile.locator(".goal")).to_be_hidden()
-    reached.get_by_role("button", name="Ack").click()
-    expect(reached).to_have_count(0)
-
-    fault(
-        launcher, "torque", "drift", "60"
-    )  # a trip: what came first is marked, and the stop names it
-    expect(who).to_have_text("safe stop")
-    expect(alarms.locator("li.high", has_text="Safe stop:")).to_contain_text("first: ")
-    expect(alarms.locator("li", has_text="first out")).to_have_count(1)
-    shot(page, "graph_first_out")
 
 
 @pytest.fixture

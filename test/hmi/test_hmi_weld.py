@@ -231,34 +231,6 @@ def test_safe_stop_while_the_supervisor_changes(weld):
     weld.until(lambda: weld.mode() == "safe_stop", "the safe stop")
 
 
-def plant_waits_for(weld, count):
-    """Wait until the plant has said anew for how many subscribers it waits."""
-    child = weld.launcher.children["plant"]
-    text = f"{count} more subscribers of "
-    told = child.text().count(text)
-    weld.until(lambda: child.text().count(text) > told, f"the plant to wait for {count}")
-
-
-@pytest.mark.real_time
-@pytest.mark.full
-def test_plant_does_not_take_the_page_for_a_controller(weld):
-    weld.serve()
-    page = weld.command()
-    weld.start("plant", waits=1)
-    weld.until(lambda: weld.node.count_publishers("/fsw/drives"), "the plant")
-    plant_waits_for(weld, 1)
-    weld.launcher.stop("plant")
-    weld.start("plant", waits=0)  # this one runs at once
-    page.until("tick")
-    weld.launcher.stop("plant")
-    weld.until(lambda: not weld.node.count_publishers("/fsw/drives"), "the plant's end")
-    weld.start("plant", waits=1)
-    weld.until(lambda: weld.node.count_publishers("/fsw/drives"), "the next plant")
-    plant_waits_for(weld, 1)
-    weld.start("decentral", "supervisor")
-    page.until("tick")
-
-
 def recorded_actions(folder):
     with BagReader(folder) as bag:
         recorded = [decode(bag, one) for one in bag.records(topics=["/fsw/operator_action"])]

@@ -15,7 +15,7 @@ from fsw_msgs.msg import WeldCommand
 @pytest.fixture
 def desk(weld):
     """The alarms of the operator's page, in this graph."""
-    watch = Watch(weld.node, *[lambda *_: None] * 4)
+    watch = Watch(weld.node, *[lambda *_: None] * 2)
     return AlarmDesk(weld.node, watch, defaults(HmiParameters).__getitem__, default())
 
 

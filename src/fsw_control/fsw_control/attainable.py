@@ -26,25 +26,23 @@ class OutOfReach(Worded):
     LOWER = "lower_bound", "{parts}: speed at its lower bound"
 
 
-def out_of_reach(due: Reference, attainable: Reference, share: float = 1.0) -> Fact | None:
+def out_of_reach(due: Reference, attainable: Reference) -> Fact | None:
     """How attainable set-points differ from those in force; None if they do not.
 
     Parameters
     ----------
     due, attainable : Reference
         The set-points in force, and those that the controller tracks instead.
-    share : float, optional
-        Scale of the reporting threshold; below 1 (hysteresis) if a difference is already reported.
     """
     depth_mm, temperature_c = (
         attainable.depth_mm - due.depth_mm,
         attainable.temperature_c - due.temperature_c,
     )
     parts = []
-    if abs(temperature_c) > share * _NEAR_C:
+    if abs(temperature_c) > _NEAR_C:
         pair = {"asked_c": due.temperature_c, "attainable_c": attainable.temperature_c}
         parts.append(Fact(OutOfReach.TEMPERATURE, pair))
-    if abs(depth_mm) > share * _NEAR_MM:
+    if abs(depth_mm) > _NEAR_MM:
         pair = {"asked_mm": due.depth_mm, "attainable_mm": attainable.depth_mm}
         parts.append(Fact(OutOfReach.DEPTH, pair))
     if not parts:

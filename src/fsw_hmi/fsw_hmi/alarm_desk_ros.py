@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rclpy.node import Node
 
-from fsw_analysis.rule_book import RuleBook
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED
 from fsw_hmi.alarm_rules import AlarmRules, Situation
@@ -17,40 +16,38 @@ from fsw_hmi.alarms import AlarmList
 from fsw_hmi.answers import Answer, Code
 from fsw_hmi.awake import Awake
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
-from fsw_hmi.standing import variables
+from fsw_hmi.standing import Flag
 from fsw_hmi.watch_ros import Watch
 from fsw_msgs.msg import AlarmEvent
 
 
 class AlarmDesk:
-    """Judges what a :class:`Watch` has received; arguments as of :class:`AlarmRules`."""
+    """Judges what a :class:`Watch` has received; ``setting`` as of :class:`AlarmRules`."""
 
-    def __init__(
-        self, node: Node, watch: Watch, setting: Callable[[str], float], book: RuleBook
-    ) -> None:
+    def __init__(self, node: Node, watch: Watch, setting: Callable[[str], float]) -> None:
         self.list = AlarmList(flood)
         self._awake = Awake()
         self._node, self._watch = node, watch
-        self._rules = AlarmRules(setting, book)
+        self._rules = AlarmRules(setting)
         self._reach: dict[str, Any] = {"ok": None, "text": ""}
         self._replaced: dict[str, float] | None = None
         self._journal = node.create_publisher(AlarmEvent, "fsw/alarms", LATCHED)
 
-    def judge(self) -> bool:
+    def judge(self, flags: Mapping[str, Flag]) -> bool:
         """Determine which alarms are present; returns whether the list has changed."""
         now_s = time.monotonic()
         self._awake.look(now_s)
-        situation = self._situation()
+        situation = self._situation(flags)
         present = self._rules.present(situation, now_s)
         changed = self.list.update(present, now_s)
-        listed = {name: one.alarm for name, one in self.list.entries.items() if one.present}
+        listed = {name: entry.alarm for name, entry in self.list.entries.items() if entry.present}
         before = self._reach, self._replaced
         self._reach, goal = self._rules.reach(situation, listed), self._rules.replaced
-        told = goal and {
+        replaced = goal and {
             "depth_mm": round(goal.depth_mm, 2),
             "temperature_c": round(goal.temperature_c, 1),
         }
-        self._replaced = told or None
+        self._replaced = replaced or None
         self._publish()
         return changed or before != (self._reach, self._replaced)
 
@@ -76,9 +73,8 @@ class AlarmDesk:
         """Age of something that came, without the time in which this process stood still."""
         return None if came_s is None else self._awake.age_s(came_s, time.monotonic())
 
-    def _situation(self) -> Situation:
+    def _situation(self, flags: Mapping[str, Flag]) -> Situation:
         watch, view, now_s = self._watch, self._watch.view, time.monotonic()
-        programme = watch.programme()
         return Situation(
             state=watch.state,
             state_age_s=None if watch.state is None else self.age_s(watch.state_s),
@@ -91,8 +87,8 @@ class AlarmDesk:
             },
             sensor_states=watch.sensor_states,
             channels=watch.channels,
-            values=variables(watch.values, programme),
-            phase=programme["phase"] if programme else "",
+            values=watch.values,
+            flags=flags,
             attainable=watch.attainable,
             parts=watch.parts(),
             pages=self._node.count_publishers("fsw/alarms"),
@@ -101,17 +97,17 @@ class AlarmDesk:
 
     def _publish(self) -> None:
         events, self.list.events = self.list.events, []
-        for one in events:
+        for event in events:
             self._journal.publish(
                 AlarmEvent(
                     header=convert.header(int(self._node.get_clock().now().nanoseconds)),
-                    id=one.id,
-                    kind=int(one.kind),
-                    priority=one.alarm.priority,
-                    text=one.alarm.text,
-                    count=one.count,
-                    who=one.who,
-                    reason=one.reason,
-                    shelved_for=one.shelved_for_s,
+                    id=event.id,
+                    kind=int(event.kind),
+                    priority=event.alarm.priority,
+                    text=event.alarm.text,
+                    count=event.count,
+                    who=event.who,
+                    reason=event.reason,
+                    shelved_for=event.shelved_for_s,
                 )
             )

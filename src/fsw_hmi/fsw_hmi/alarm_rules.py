@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from math import inf, isfinite, nan
+from math import inf, nan
 from typing import Any
 
-from fsw_analysis.rule_book import Check, RuleBook
 from fsw_control.attainable import out_of_reach, wants_heat
 from fsw_control.contract import Reference
 from fsw_control.depth_channels import ChannelHealth
@@ -18,14 +17,13 @@ from fsw_hmi.alarm_texts import (
     ACTIONS,
     TEXTS,
     alarm,
-    alarm_id,
     of_errors,
     of_interlock,
     of_limit,
     tripped,
 )
 from fsw_hmi.alarms import STOP_ID, Alarm
-from fsw_hmi.standing import holds
+from fsw_hmi.standing import Flag
 
 #: time without reports of a node after which that is an alarm
 NO_REPORT_S = 3.5
@@ -36,12 +34,8 @@ UNDER_WAY, DONE = ("running", "held"), "done"
 _NO_SAMPLE_S = 0.5
 #: what is said of a sensor whose fault is over, until its value is trusted again
 _AFTERWARDS = ("recovering",)
-#: how far a value must come back inside its limits, chosen: a fifth of a largest error, a fiftieth
-#: of a range
-_BACK, _BACK_RANGE = 0.2, 0.02
-#: set-points that are replaced: share of the least difference from which on they are no longer
-#: (chosen)
-_BACK_SHARE = 0.5
+#: alarms, by the beginning of their names, that keep the cause with which they began
+_KEPT = ("channel:", "standby")
 #: a standby that has begun to lead is no longer heard as one within this time
 _UNHEARD_S = 2 * NO_REPORT_S
 #: a plant reports its watchdog once a second, so later than commands come again
@@ -99,10 +93,9 @@ class Situation:
     sensor_states: Mapping[str, str] = field(default_factory=dict)
     #: health of each channel of a fused depth, by sensor
     channels: Mapping[str, ChannelHealth] = field(default_factory=dict)
-    #: of the newest row by column, and their distance from the programme's set-points; NaN where
-    #: unknown
+    #: of the newest row by column; NaN where unknown
     values: Mapping[str, float] = field(default_factory=dict)
-    phase: str = ""  #: of the programme
+    flags: Mapping[str, Flag] = field(default_factory=dict)  #: what is outside a limit
     #: the set-points that the controller which commands goes for
     attainable: Reference | None = None
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
@@ -117,44 +110,45 @@ class Situation:
 class AlarmRules:
     """Says which alarms are present; how long they must last is for the list.
 
-    ``setting`` returns a parameter of the node by its name; ``book`` is what the weld is judged
-    by.
+    ``setting`` returns a parameter of the node by its name.
     """
 
-    def __init__(self, setting: Callable[[str], float], book: RuleBook) -> None:
-        self._setting, self._book = setting, book
+    def __init__(self, setting: Callable[[str], float]) -> None:
+        self._setting = setting
         #: what stands in for set-points that are out of reach
         self.replaced: Reference | None = None
-        self._outside: set[str] = set()
         self._mute_since_s: float | None = None
         self._failed = "", ""
         self._nominal = ""  # who has commanded as selected, and does so without a break
         self._faults: dict[str, str] = {}  # by sensor, the state that it began with
-        self._flaws: dict[str, ChannelHealth] = {}  # the same of depth channels
+        self._began: dict[str, Alarm] = {}  # alarms that are present, with their first cause
         self._leader, self._led_s = "", -inf  # and since when, if another one led before
-        self._alone = ""  # why no supervisor stands by, as it began
         #: present when a stop or the end began: it may be their effect
         self._before_stop: frozenset[str] = frozenset()
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
-        found: dict[str, Alarm] = {}
+        alarms: dict[str, Alarm] = {}
         if now.leader and now.leader != self._leader:
             self._led_s = now_s if self._leader else -inf
             self._leader = now.leader
-        _machine(now, found)
-        self._measurements(now, found)
-        self._supervisor(now, now_s, found)
-        self._programme(now, found)
-        _watchdog(now, found)
-        self._values(now, found)
-        self._reachable(now, found)
-        self._parts(now, now_s, found)
+        _machine(now, alarms)
+        self._measurements(now, alarms)
+        self._supervisor(now, now_s, alarms)
+        self._programme(now, alarms)
+        _watchdog(now, alarms)
+        self._values(now, alarms)
+        self._reachable(now, alarms)
+        self._parts(now, now_s, alarms)
         if now.pages > 1:
-            found["other_page"] = alarm("other_page")
-        return self._unexpected(now, found)
+            alarms["other_page"] = alarm("other_page")
+        for name in alarms:
+            if name.startswith(_KEPT):
+                alarms[name] = self._began.get(name, alarms[name])
+        self._began = alarms
+        return self._unexpected(now, alarms)
 
-    def _unexpected(self, now: Situation, found: dict[str, Alarm]) -> dict[str, Alarm]:
+    def _unexpected(self, now: Situation, alarms: dict[str, Alarm]) -> dict[str, Alarm]:
         """Alarms without those that the present state of the weld explains (ISA-18.2, suppressed by design)."""
         stopped = now.state if now.state and now.state["actual_mode"] == "safe_stop" else None
         expected, earlier = frozenset[str](), self._before_stop
@@ -162,21 +156,21 @@ class AlarmRules:
             expected = TEXTS.expected["ended"]
         elif stopped is not None:
             # what led to the stop is no consequence of it
-            causes = {alarm_id("interlock", name) for name in stopped["tripped"]}
+            causes = {f"interlock:{name}" for name in stopped["tripped"]}
             expected = TEXTS.expected["stopped"] - causes
         elif now.programme != DONE:
-            self._before_stop = frozenset(found)
+            self._before_stop = frozenset(alarms)
         return {
-            name: one
-            for name, one in found.items()
+            name: entry
+            for name, entry in alarms.items()
             if name in earlier or expected.isdisjoint((name, name.partition(":")[0]))
         }
 
-    def reach(self, now: Situation, found: Mapping[str, Alarm]) -> dict[str, Any]:
+    def reach(self, now: Situation, alarms: Mapping[str, Alarm]) -> dict[str, Any]:
         """Whether commands reach the machine, for the page: ``ok`` None where it is not known, and a text."""
         for name in ("machine", "measurements", "supervisor", "foreign"):
-            if name in found:
-                return {"ok": False, "text": found[name].text}
+            if name in alarms:
+                return {"ok": False, "text": alarms[name].text}
         if now.command_age_s is None or not self._measures(now):
             return {"ok": None, "text": "No commands now"}
         gates = [parts["machine"] for parts in now.parts.values() if "machine" in parts]
@@ -188,12 +182,12 @@ class AlarmRules:
     def _measures(self, now: Situation) -> bool:
         return now.tick_age_s is not None and now.tick_age_s <= self._setting("silence_s")
 
-    def _measurements(self, now: Situation, found: dict[str, Alarm]) -> None:
+    def _measurements(self, now: Situation, alarms: dict[str, Alarm]) -> None:
         if now.tick_age_s is None:
             return
         if not self._measures(now):
-            if "machine" not in found:  # without it nothing is measured
-                found["measurements"] = alarm("measurements")
+            if "machine" not in alarms:  # without it nothing is measured
+                alarms["measurements"] = alarm("measurements")
             return
         # the health of a depth channel says more than its samples do
         there = (
@@ -211,10 +205,10 @@ class AlarmRules:
                 self._faults[name] = state
             fault = self._faults[name]
             why = TEXTS.sensors.get(fault, fault)
-            found[f"sensor:{name}"] = alarm("sensor", fault, name=name, why=why)
-        _channels(now.channels, self._flaws, found)
+            alarms[f"sensor:{name}"] = alarm("sensor", fault, name=name, why=why)
+        _channels(now.channels, alarms)
 
-    def _supervisor(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
+    def _supervisor(self, now: Situation, now_s: float, alarms: dict[str, Alarm]) -> None:
         state, age_s = now.state, now.state_age_s
         measuring = self._measures(now)
         if not (measuring and age_s is None):
@@ -227,20 +221,20 @@ class AlarmRules:
             measuring and not starts and (now.command_age_s or 0.0) > self._setting("silence_s")
         )
         if never or silent or (age_s is not None and age_s > NO_REPORT_S):
-            found["supervisor"] = alarm("supervisor")
+            alarms["supervisor"] = alarm("supervisor")
             if standby_ready(now.parts):
-                found["supervisor"] = replace(found["supervisor"], on_s=_TAKEOVER_S)
+                alarms["supervisor"] = replace(alarms["supervisor"], on_s=_TAKEOVER_S)
         if state is None or (age_s is not None and age_s > NO_REPORT_S):
             return
         for interlock in state["interlocks"]:
             name, level = interlock["name"], interlock["level"]
-            found[alarm_id("interlock", name)] = of_interlock(name, level)
-        replaced = self._mode(state, found)
-        for one in state["controllers"]:
-            if one["name"] != replaced:
-                _controller(one, found)
+            alarms[f"interlock:{name}"] = of_interlock(name, level)
+        replaced = self._mode(state, alarms)
+        for controller in state["controllers"]:
+            if controller["name"] != replaced:
+                _controller(controller, alarms)
 
-    def _mode(self, state: Mapping[str, Any], found: dict[str, Alarm]) -> str | None:
+    def _mode(self, state: Mapping[str, Any], alarms: dict[str, Alarm]) -> str | None:
         """Who or what commands; returns the controller that another one stands in for: one alarm for one cause."""
         mode, target_mode = state["actual_mode"], state["target_mode"]
         actual, target = state["actual_controller"], state["target_controller"]
@@ -249,128 +243,101 @@ class AlarmRules:
             asked = state["stop_cause"] == StopCause.OPERATOR
             why = f"asked for by {state['by']}" if asked else tripped(state) or why
             action = "choose_auto" if state["acknowledged"] else "retract_and_acknowledge"
-            cause = next((one.name.lower() for one in StopCause if one == state["stop_cause"]), "")
-            one = alarm("safe_stop", cause, why=why, action=action)
-            found[STOP_ID] = replace(one, trip=not asked)
+            cause = next((c.name.lower() for c in StopCause if c == state["stop_cause"]), "")
+            stop = alarm("safe_stop", cause, why=why, action=action)
+            alarms[STOP_ID] = replace(stop, trip=not asked)
         elif mode == "hold" and target_mode != "hold" and not state["cause"].at_start:
-            found["hold"] = alarm("hold", state["cause"], why=why)
+            alarms["hold"] = alarm("hold", state["cause"], why=why)
         elif mode == "auto" and actual and target and actual != target:
             lacks = (one["why"] for one in state["controllers"] if one["name"] == target)
             why = next(lacks, Readiness(Lack.UNKNOWN).why) or NO_REASON
-            return self._failover(actual, target, why, found)
+            return self._failover(actual, target, why, alarms)
         if mode != "hold":
             self._failed = "", ""
         self._nominal = actual if mode == "auto" else ""
         return None
 
-    def _failover(self, actual: str, target: str, why: str, found: dict[str, Alarm]) -> str | None:
+    def _failover(
+        self, actual: str, target: str, why: str, alarms: dict[str, Alarm]
+    ) -> str | None:
         """Somebody commands in place of whom was selected; one selected just now may need its time."""
         if actual == self._nominal:
             why = "it was asked for, and is not ready"
-            one = alarm("failover", actual=actual, target=target, why=why)
-            found["failover"] = replace(one, on_s=_SWAP_S)
+            failover = alarm("failover", actual=actual, target=target, why=why)
+            alarms["failover"] = replace(failover, on_s=_SWAP_S)
             return None
         self._nominal = ""
         if self._failed[0] != target:  # why it was left, not what has happened since
             self._failed = target, why
-        found["failover"] = alarm("failover", actual=actual, target=target, why=self._failed[1])
+        alarms["failover"] = alarm("failover", actual=actual, target=target, why=self._failed[1])
         return target
 
     # ---------------------------------------------------------------- the weld
 
-    def _programme(self, now: Situation, found: dict[str, Alarm]) -> None:
+    def _programme(self, now: Situation, alarms: dict[str, Alarm]) -> None:
         """A programme that is under way says so; it cannot while nothing is measured."""
         silent = now.programme in UNDER_WAY and now.programme_age_s > NO_PROGRAMME_S
         if silent and self._measures(now):
-            found["programme"] = alarm("programme")
+            alarms["programme"] = alarm("programme")
 
-    def _values(self, now: Situation, found: dict[str, Alarm]) -> None:
-        if not self._measures(now):
-            return
-        for value, (aim, limit, what) in TEXTS.drives.items():
-            name, most = f"deviation:{value}", self._setting(limit)
-            off = now.value(value) - now.value(aim)
-            if self._is_outside(name, off, -most, most, _BACK * most):
-                found[name] = self._lasting(alarm("drive", what=what), "deviation_persistence_s")
-        for check in self._book.checks():
-            if check.variable in TEXTS.limits and holds(check, now.phase):
-                self._limit(check, now, found)
-
-    def _limit(self, check: Check, now: Situation, found: dict[str, Alarm]) -> None:
-        """A limit by which the weld is judged; an interlock on the same quantity says more."""
-        low = -inf if check.min is None else check.min
-        high = inf if check.max is None else check.max
-        is_error = "_error_" in check.variable
-        back = _BACK * max(-low, high) if is_error else _BACK_RANGE * (high - low)
-        name = f"{check.kind}:{check.variable}"
-        back = back if isfinite(back) else 0.0
-        outside = self._is_outside(name, now.value(check.variable), low, high, back)
-        quantity = check.variable.partition("_")[0]
-        if outside and not any(one.startswith(f"interlock:{quantity}") for one in found):
+    def _values(self, now: Situation, alarms: dict[str, Alarm]) -> None:
+        """Values outside a limit; an interlock on the same quantity says more."""
+        for quantity, flag in now.flags.items() if self._measures(now) else ():
+            of_quantity = f"interlock:{quantity.partition('_')[0]}"
+            if flag["kind"] in ("trip", "warn") or any(
+                name.startswith(of_quantity) for name in alarms
+            ):
+                continue
             # a step of the set-point takes its time
-            slow = check.variable == "temperature_error_c"
-            persistence = "deviation_persistence_s" if slow else "quality_persistence_s"
-            found[name] = self._lasting(of_limit(check), persistence)
+            slow = flag["kind"] == "deviation" or flag["variable"] == "temperature_error_c"
+            lasts_s = self._setting(f"{'deviation' if slow else 'quality'}_persistence_s")
+            kind = "quality" if flag["kind"] == "error" else flag["kind"]
+            entry = replace(of_limit(kind, flag), on_s=lasts_s, off_s=lasts_s)
+            alarms[f"{kind}:{flag['variable']}"] = entry
 
-    def _reachable(self, now: Situation, found: dict[str, Alarm]) -> None:
+    def _reachable(self, now: Situation, alarms: dict[str, Alarm]) -> None:
         """Set-points that the controller replaces by what the drives can hold."""
         asked = Reference(now.value("reference_depth_mm"), now.value("reference_temperature_c"))
-        goal, share = now.attainable, _BACK_SHARE if self.replaced else 1.0
-        why = out_of_reach(asked, goal, share) if goal and self._measures(now) else None
+        goal = now.attainable
+        why = out_of_reach(asked, goal) if goal and self._measures(now) else None
         self.replaced = goal if why else None
         if goal is not None and why:
             action = "lower_temperature" if wants_heat(asked, goal) else "raise_temperature"
-            found["out_of_reach"] = alarm("out_of_reach", why.code, why=why.words, action=action)
-
-    def _lasting(self, one: Alarm, persistence: str) -> Alarm:
-        persistence_s = self._setting(persistence)
-        return replace(one, on_s=persistence_s, off_s=persistence_s)
-
-    def _is_outside(self, name: str, value: float, low: float, high: float, back: float) -> bool:
-        """Whether a value is outside its limits, or has not come back inside by a margin."""
-        margin = back if name in self._outside else 0.0
-        if isfinite(value) and not low + margin <= value <= high - margin:
-            self._outside.add(name)
-        else:
-            self._outside.discard(name)
-        return name in self._outside
+            alarms["out_of_reach"] = alarm("out_of_reach", why.code, why=why.words, action=action)
 
     # ---------------------------------------------------------------- the nodes
 
-    def _parts(self, now: Situation, now_s: float, found: dict[str, Alarm]) -> None:
+    def _parts(self, now: Situation, now_s: float, alarms: dict[str, Alarm]) -> None:
         """Errors of parts, one alarm for each node, and nodes of which no part reports any longer."""
-        known = {one["name"] for one in now.state["controllers"]} if now.state else set()
-        told = [node for name, nodes in _TOLD.items() if name in found for node in nodes]
-        failed = [name for name in known if alarm_id("controller", name) in found]
+        known = {health["name"] for health in now.state["controllers"]} if now.state else set()
+        told = [node for name, nodes in _TOLD.items() if name in alarms for node in nodes]
+        failed = [name for name in known if f"controller:{name}" in alarms]
         told += [*failed, *(f"fsw_{name}" for name in failed)]
         for node, parts in now.parts.items():
             if parts and all(part.level == "stale" for part in parts.values()):
                 if RECORDING in parts:
-                    found["recorder"] = alarm("recorder")
+                    alarms["recorder"] = alarm("recorder")
                 elif node not in told:
-                    found[alarm_id("node", node)] = alarm("node_silent", node=node)
+                    alarms[f"node:{node}"] = alarm("node_silent", node=node)
                 continue
             if any(parts.get(what, _FINE).level == "error" for what in _WRITERS):
-                found["foreign"] = alarm("foreign")
-            if "standby" in parts and parts["standby"].level != "stale":
-                self._alone = ""
-            elif "standby" in parts:  # it leads now, or has died
-                took_over = now_s - self._led_s <= _UNHEARD_S
-                self._alone = self._alone or ("taken_over" if took_over else "lost")
-                found["standby"] = alarm("standby", self._alone, why=TEXTS.standby[self._alone])
+                alarms["foreign"] = alarm("foreign")
+            if parts.get("standby", _FINE).level == "stale":  # it leads now, or has died
+                why = "taken_over" if now_s - self._led_s <= _UNHEARD_S else "lost"
+                alarms["standby"] = alarm("standby", why, why=TEXTS.standby[why])
             if node == MONITOR:
-                _watch(parts, found)
+                _watch(parts, alarms)
             if node == PROCEDURE and parts.get(DEVIATIONS, _FINE).level == "error":
                 left = parts[DEVIATIONS]
-                found["procedure"] = alarm("procedure", left.names or left.code, why=left.text)
+                alarms["procedure"] = alarm("procedure", left.names or left.code, why=left.text)
             covered = (*_OTHER_RULES, *(_GATEWAY if "machine" in parts else ()))
             covered += (DEVIATIONS,) if node == PROCEDURE else ()
             bad = {what: part.text for what, part in parts.items() if part.level == "error"}
             errors = [(what, text) for what, text in bad.items() if not what.startswith(covered)]
             if errors:
-                one = of_errors(node, errors)
+                entry = of_errors(node, errors)
                 own = node.startswith("fsw_") or node in known
-                found[alarm_id("part", node)] = one if own else replace(one, priority="low")
+                alarms[f"part:{node}"] = entry if own else replace(entry, priority="low")
 
 
 def standby_ready(parts: Mapping[str, Mapping[str, Part]]) -> bool:
@@ -380,68 +347,58 @@ def standby_ready(parts: Mapping[str, Mapping[str, Part]]) -> bool:
     )
 
 
-def _channels(
-    channels: Mapping[str, ChannelHealth],
-    flaws: dict[str, ChannelHealth],
-    found: dict[str, Alarm],
-) -> None:
-    """What is wrong with the channels of a fused depth, and whether it can be relied on.
-
-    An alarm says what it began with, which is kept in ``flaws``.
-    """
-    flawed = {name: one for name, one in channels.items() if one is not ChannelHealth.GOOD}
-    bad = {name: flaws.setdefault(name, health) for name, health in flawed.items()}
-    for name in flaws.keys() - bad.keys():
-        del flaws[name]
+def _channels(channels: Mapping[str, ChannelHealth], alarms: dict[str, Alarm]) -> None:
+    """What is wrong with the channels of a fused depth, and whether it can be relied on."""
+    bad = {name: health for name, health in channels.items() if health is not ChannelHealth.GOOD}
     suspect = [name for name in bad if channels[name] is ChannelHealth.SUSPECT]
     if suspect or (bad and len(bad) == len(channels)):
         names = suspect or list(bad)
         health = bad[names[0]]
-        found["depth_doubt"] = alarm(
+        alarms["depth_doubt"] = alarm(
             "depth_doubt", health.word, name=", ".join(names), why=health.words
         )
         return
     for name, health in bad.items():
-        found[f"channel:{name}"] = alarm("channel", health.word, name=name, why=health.words)
+        alarms[f"channel:{name}"] = alarm("channel", health.word, name=name, why=health.words)
 
 
-def _machine(now: Situation, found: dict[str, Alarm]) -> None:
+def _machine(now: Situation, alarms: dict[str, Alarm]) -> None:
     """What a gateway reports of the machine behind it, and a plant of commands that do not come."""
     for parts in now.parts.values():
         gate = parts.get("machine")
         if gate is None or gate.level == "stale":
             continue
-        bad = (parts[one] for one in _GATEWAY if one in parts and parts[one].level == "error")
+        bad = (parts[name] for name in _GATEWAY if name in parts and parts[name].level == "error")
         if (part := next(bad, None)) is not None:
-            found["machine"] = alarm("machine", part.code, why=part.text)
+            alarms["machine"] = alarm("machine", part.code, why=part.text)
         elif gate.permissive is False:
-            found["machine"] = alarm("machine", gate.code, why="it does not permit them")
+            alarms["machine"] = alarm("machine", gate.code, why="it does not permit them")
 
 
-def _watchdog(now: Situation, found: dict[str, Alarm]) -> None:
+def _watchdog(now: Situation, alarms: dict[str, Alarm]) -> None:
     """Commands are sent, but those that arrive are none that the plant accepts."""
     dogs = [parts.get("watchdog", _FINE) for parts in now.parts.values()]
     bad = [part for part in dogs if part.level == "error"]
-    if bad and not {"supervisor", "measurements"} & found.keys():
-        one = alarm("machine", bad[0].code, why=bad[0].text)
-        found["machine"] = replace(one, on_s=_WATCHDOG_S)
+    if bad and not {"supervisor", "measurements"} & alarms.keys():
+        machine = alarm("machine", bad[0].code, why=bad[0].text)
+        alarms["machine"] = replace(machine, on_s=_WATCHDOG_S)
 
 
-def _controller(one: Mapping[str, Any], found: dict[str, Alarm]) -> None:
-    name, why = one["name"], one["why"] or NO_REASON
-    if one["inhibited"]:
-        found[alarm_id("controller", name)] = alarm("inhibited", one["lack"], name=name, why=why)
-    elif not one["ready"]:
-        if any(f"sensor:{sensor}" in found for sensor in one["missing_sensors"]):
+def _controller(controller: Mapping[str, Any], alarms: dict[str, Alarm]) -> None:
+    name, why = controller["name"], controller["why"] or NO_REASON
+    if controller["inhibited"]:
+        alarms[f"controller:{name}"] = alarm("inhibited", controller["lack"], name=name, why=why)
+    elif not controller["ready"]:
+        if any(f"sensor:{sensor}" in alarms for sensor in controller["missing_sensors"]):
             return  # that sensor is the cause
-        found[alarm_id("controller", name)] = alarm("not_ready", one["lack"], name=name, why=why)
+        alarms[f"controller:{name}"] = alarm("not_ready", controller["lack"], name=name, why=why)
 
 
-def _watch(parts: Mapping[str, Part], found: dict[str, Alarm]) -> None:
+def _watch(parts: Mapping[str, Part], alarms: dict[str, Alarm]) -> None:
     """What the monitor tells; its parts are named by their causes."""
     for what, part in parts.items():
         if part.level == "warn":
             # a text with fields is of another alarm, which has their values
             is_known = part.action in ACTIONS and "{" not in ACTIONS[part.action]
             action = part.action if is_known else "see_trends"
-            found[alarm_id("watch", what)] = alarm("watch", what, cause=part.text, action=action)
+            alarms[f"watch:{what}"] = alarm("watch", what, cause=part.text, action=action)

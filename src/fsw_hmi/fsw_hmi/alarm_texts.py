@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from typing import Any
-from zlib import crc32
 
 from pydantic import BaseModel
 
-from fsw_analysis.rule_book import Check
 from fsw_control.cause import Cause, Severity
 from fsw_control.schema.yaml_text import load_yaml
 from fsw_hmi.alarms import Alarm, Priority
+from fsw_hmi.standing import Flag
 
-_LONGEST_ID = 100
 #: advice that only helps while the weld is controlled
 _OF_SET_POINTS = ("raise_temperature", "lower_temperature", "lower_depth")
 
@@ -27,7 +25,6 @@ class _Texts(BaseModel):
     sensors: dict[str, str]
     interlocks: dict[str, tuple[str, str]]
     limits: dict[str, tuple[str, str]]
-    drives: dict[str, tuple[str, str, str]]
     standby: dict[str, str]
     expected: dict[str, frozenset[str]]
     actions: dict[str, str]
@@ -48,10 +45,10 @@ ACTIONS, NEXT_OF_BAG = TEXTS.actions, TEXTS.next_of_bag
 
 def alarm(kind: str, cause: object = "", /, **values: object) -> Alarm:
     """An alarm of a kind, with ``values`` in its texts; ``cause`` is a code where there are several."""
-    one = TEXTS.kinds[kind]
-    parts = {key: getattr(one, key).format(**values) for key in ("what", "why", "action")}
+    text = TEXTS.kinds[kind]
+    parts = {key: getattr(text, key).format(**values) for key in ("what", "why", "action")}
     advice = ACTIONS[parts["action"]].format(**values)
-    return replace(one, **parts, advice=advice, cause=str(cause))
+    return replace(text, **parts, advice=advice, cause=str(cause))
 
 
 def of_interlock(name: str, level: str) -> Alarm:
@@ -63,16 +60,17 @@ def of_interlock(name: str, level: str) -> Alarm:
     return alarm(kind, name, what=what, action=action)
 
 
-def of_limit(check: Check) -> Alarm:
-    """The alarm of a value outside a limit by which the weld is judged."""
-    what, unit = TEXTS.limits[check.variable]
-    if check.max is None:
-        why = f"below {check.min:g}"
-    elif check.min is None:
-        why = f"above {check.max:g}"
+def of_limit(kind: str, flag: Flag) -> Alarm:
+    """The alarm of a value outside a limit by which the weld is judged, or off its command."""
+    what, unit = TEXTS.limits[flag["variable"]]
+    low, high = flag["min"], flag["max"]
+    if high is None:
+        why = f"below {low:g}"
+    elif low is None:
+        why = f"above {high:g}"
     else:
-        why = f"outside {check.min:g} to {check.max:g}"
-    return alarm(check.kind, what=what, why=f"{why} {unit}")
+        why = f"outside {low:g} to {high:g}"
+    return alarm(kind, what=what, why=f"{why} {unit}")
 
 
 def of_errors(node: str, errors: Sequence[tuple[str, str]]) -> Alarm:
@@ -85,17 +83,6 @@ def of_errors(node: str, errors: Sequence[tuple[str, str]]) -> Alarm:
 def flood(count: int, priority: Priority) -> Alarm:
     """The alarm that stands for so many of a priority."""
     return replace(alarm("flood", count=count), priority=priority)
-
-
-def alarm_id(kind: str, name: str) -> str:
-    """Identifier of the alarm of something that others named: short, of printable ASCII, different for each name."""
-    plain = f"{kind}:{name}"
-    if plain.isascii() and plain.isprintable() and len(plain) <= _LONGEST_ID:
-        return plain
-    kept = "".join(
-        one if one.isascii() and one.isprintable() else "?" for one in plain[: _LONGEST_ID - 10]
-    )
-    return f"{kept}#{crc32(plain.encode('utf-8', 'replace')):08x}"
 
 
 def tripped(state: Mapping[str, Any]) -> str:

@@ -15,9 +15,6 @@ from fsw_hmi.answers import Answer, Code
 
 Priority = Literal["high", "medium", "low"]
 RANK = {"high": 0, "medium": 1, "low": 2}
-#: chosen, after the usual definition of a chattering alarm: so many times in this time; it then
-#: stays until it has been gone for as long
-_CHATTERS, _CHATTER_S = 3, 60.0
 #: chosen, after the usual definition of a flood: more new ones of a group in this time are one alarm
 _FLOOD, _FLOOD_S = 10, 10.0
 FLOOD_ID = "flood:"
@@ -25,15 +22,14 @@ STOP_ID = "safe_stop"
 #: alarms that led to a trip came at most so long before it, and went at most so long before it
 #: (chosen)
 _LED_S, _JUST_GONE_S = 60.0, 10.0
-#: entries, and alarms whose earlier times are known, at most; one of high priority is always
-#: listed, alone or in a flood
+#: entries at most; one of high priority is always listed, alone or in a flood
 _MOST = 300
 
 
 #: states in the order of the list, and what the page gets of an alarm and of its entry
 _PLACE = ("active", "acknowledged", "cleared", "shelved")
 _OF_ALARM = ("text", "what", "why", "cause", "consequence", "advice", "action", "priority")
-_OF_ENTRY = ("state", "count", "chatters", "first", "shelved")
+_OF_ENTRY = ("state", "count", "first", "shelved")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +78,6 @@ class Entry:
     present: bool = True
     acknowledged: bool = False
     absent_s: float | None = None  #: since when the cause is gone
-    chatters: bool = False
     shelved_until_s: float | None = None
     shelved: str = ""  #: by whom, until when and why
     first: str = ""  #: of a trip: what came first
@@ -132,7 +127,6 @@ class AlarmList:
         self.entries: dict[str, Entry] = {}
         self.events: list[Event] = []  #: what has happened since the caller last emptied it
         self._coming_s: dict[str, float] = {}
-        self._raised_s: dict[str, deque[float]] = {}
         self._new_s: dict[str, deque[float]] = {}
         self.grouped: dict[str, str] = {}  #: present, but only counted in a flood
         self._number = 0
@@ -201,11 +195,6 @@ class AlarmList:
         return True
 
     def _raise(self, name: str, alarm: Alarm, entry: Entry | None, now_s: float) -> None:
-        times = self._raised_s.pop(name, None) or deque(maxlen=_CHATTERS)
-        times.append(now_s)
-        self._raised_s[name] = times  # the latest last
-        if len(self._raised_s) > _MOST:
-            del self._raised_s[next(iter(self._raised_s))]
         self._number += 1
         again = entry is not None
         if entry is None:
@@ -216,9 +205,6 @@ class AlarmList:
             self._unshelve_if_other(name, entry, before)
             entry.raised_s, entry.number, entry.count = now_s, self._number, entry.count + 1
             entry.show_if_high()
-        entry.chatters = (
-            alarm.priority != "high" and len(times) == _CHATTERS and now_s - times[0] <= _CHATTER_S
-        )
         self._log(name, AlarmChange.RE_RAISED if again else AlarmChange.RAISED, entry)
         if alarm.trip:
             self._mark_first(name, entry, now_s)
@@ -231,9 +217,9 @@ class AlarmList:
     def _leave(self, name: str, entry: Entry, now_s: float) -> bool:
         if entry.absent_s is None:
             entry.absent_s = now_s
-        if now_s - entry.absent_s < (_CHATTER_S if entry.chatters else entry.alarm.off_s):
+        if now_s - entry.absent_s < entry.alarm.off_s:
             return False
-        entry.present = entry.chatters = False
+        entry.present = False
         self._log(name, AlarmChange.CLEARED, entry)
         if entry.acknowledged and entry.shelved_until_s is None:
             del self.entries[name]
@@ -242,23 +228,23 @@ class AlarmList:
     def _mark_first(self, name: str, trip: Entry, now_s: float) -> None:
         """Mark the first of the alarms that led to a trip."""
         led = [
-            one
-            for one in self.entries.values()
-            if one is trip
+            entry
+            for entry in self.entries.values()
+            if entry is trip
             or (
-                RANK[one.alarm.priority] < RANK["low"]
-                and now_s - one.raised_s <= _LED_S
-                and (one.present or now_s - (one.absent_s or 0.0) <= _JUST_GONE_S)
+                RANK[entry.alarm.priority] < RANK["low"]
+                and now_s - entry.raised_s <= _LED_S
+                and (entry.present or now_s - (entry.absent_s or 0.0) <= _JUST_GONE_S)
             )
         ]
         self._unmark_first(name)
-        first = min(led, key=lambda one: one.number)
+        first = min(led, key=lambda entry: entry.number)
         first.led_to, trip.first = name, first.alarm.text
 
     def _unmark_first(self, trip: str) -> None:
-        for one in self.entries.values():
-            if one.led_to == trip:
-                one.led_to = ""
+        for entry in self.entries.values():
+            if entry.led_to == trip:
+                entry.led_to = ""
 
     def _log(self, name: str, kind: AlarmChange, entry: Entry, *more: Any) -> None:
         """Add a line of the journal; ``more`` is who asked for it, why and for how long."""
@@ -283,7 +269,7 @@ class AlarmList:
 
     def waiting(self, up_to: int) -> list[str]:
         """Alarms to be acknowledged that were raised before a person has seen the list, by its newest number."""
-        seen = {name: one.state for name, one in self.entries.items() if one.newest <= up_to}
+        seen = {name: entry.state for name, entry in self.entries.items() if entry.newest <= up_to}
         return [name for name, state in seen.items() if state in ("active", "cleared")]
 
     def shelve(self, name: str, minutes: float, who: str, reason: str, now_s: float) -> Answer:
@@ -312,7 +298,7 @@ class AlarmList:
         return Code.UNSHELVED.done()
 
     def _unshelve_expired(self, now_s: float) -> bool:
-        until_s = {name: one.shelved_until_s for name, one in self.entries.items()}
+        until_s = {name: entry.shelved_until_s for name, entry in self.entries.items()}
         over = [name for name, end_s in until_s.items() if end_s is not None and now_s >= end_s]
         for name in over:
             self.unshelve(name, "")
@@ -337,14 +323,15 @@ class AlarmList:
         shift_s = wall_s - now_s
         return [
             {"id": name}
-            | {key: getattr(one.alarm, key) for key in _OF_ALARM}
-            | {key: getattr(one, key) for key in _OF_ENTRY}
+            | {key: getattr(entry.alarm, key) for key in _OF_ALARM}
+            | {key: getattr(entry, key) for key in _OF_ENTRY}
             | {
-                "number": one.newest,
-                "first_out": bool(one.led_to),
-                "first_s": round(one.first_s + shift_s, 3),
-                "raised_s": round(one.raised_s + shift_s, 3),
-                "shelved_until_s": one.shelved_until_s and round(one.shelved_until_s + shift_s),
+                "number": entry.newest,
+                "first_out": bool(entry.led_to),
+                "first_s": round(entry.first_s + shift_s, 3),
+                "raised_s": round(entry.raised_s + shift_s, 3),
+                "shelved_until_s": entry.shelved_until_s
+                and round(entry.shelved_until_s + shift_s),
             }
-            for name, one in listed
+            for name, entry in listed
         ]

@@ -58,7 +58,7 @@ class Code(Worded):
     TAKEN_FROM_OWN = "taken_from_own", "control taken from {holder}, the same person"
     TAKEN_FROM_SILENT = (
         "taken_from_silent",
-        "control taken from {holder}, who did not answer for {limit_s:g} s",
+        "control taken from {holder}, silent for {limit_s:g} s",
     )
     ASK_FIRST = "ask_first", "{holder} has control: ask for it"
     TIME_LEFT = "time_left", "{holder} has {left_s:.0f} s left to answer"
@@ -74,15 +74,8 @@ class Code(Worded):
     RELEASED = "released", "control released"
     # answers of the graph
     NO_SERVICE = "no_service", "there is no {service} to ask"
-    NO_SERVICE_YET = (
-        "no_service_yet",
-        "there is no {service} to ask; it is asked for up to {wait_s:g} s more",
-    )
     SILENT = "silent", "the {service} did not answer in time"
-    SILENT_YET = (
-        "silent_yet",
-        "the {service} did not answer in time; it is asked for up to {wait_s:g} s more",
-    )
+    ASKED_AGAIN = "asked_again", "no {service} answers; it is asked for up to {wait_s:g} s more"
     NOT_ASKED = "not_asked", "the {service} could not be asked: {error}"
     SERVICE = "service", "{message}"
     ABORTED = "aborted", "the weld is aborted"

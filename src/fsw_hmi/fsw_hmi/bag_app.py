@@ -30,17 +30,11 @@ def routes(files: PageFiles, views: Sequence[BagView]) -> list[BaseRoute]:
     }
     for n, view in enumerate(views):
         contents[f"/bags/{n}"] = {"columns": view.columns, "rows": view.rows}
-    return [*files.routes(), *(_route(path, content) for path, content in contents.items())]
 
+    def answer(request: Request) -> Response:  # in a thread
+        return JSONResponse(contents[request.url.path])
 
-def _route(path: str, content: Any) -> Route:
-    """A route with this content, which is encoded once; a response belongs to one request."""
-    body = JSONResponse(content).body
-
-    async def answer(_: Request) -> Response:
-        return Response(body, media_type="application/json")
-
-    return Route(path, answer)
+    return [*files.routes(), *(Route(path, answer) for path in contents)]
 
 
 def serve(

@@ -18,7 +18,7 @@ from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
 from fsw_control.sensors import OPTIONAL, SENSORS
 from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
-from fsw_hmi.frames import COLUMNS, short
+from fsw_hmi.frames import COLUMNS, SIGNALS, short
 from fsw_hmi.limits import limits
 from fsw_hmi.standing import flags
 from fsw_recorder.errors import BagError
@@ -82,16 +82,16 @@ def view(signals: WeldSignals, name: str) -> BagView:
         "name": name,
         "duration_s": round(float(signals.time_s[-1]), 3),
         "start_s": None if start_ns < SIMULATED_NS else round(start_ns / NANOSECONDS, 3),
-        "controllers": [one for one in dict.fromkeys(signals.command_source) if one],
+        "controllers": [name for name in dict.fromkeys(signals.command_source) if name],
         "events": [
-            {"time_s": round(one.time_s, 3), "kind": one.kind, "text": one.text}
-            for one in signals.events
+            {"time_s": round(event.time_s, 3), "kind": event.kind, "text": event.text}
+            for event in signals.events
         ],
         "account": page_account(judge(signals, book)),
         "problems": problems,
     }
-    found = limits(parameters, book)
-    return BagView(summary, rows=_rows(signals, book, found), limits=found)
+    own = limits(parameters, book)
+    return BagView(summary, rows=_rows(signals, book, own), limits=own)
 
 
 def _rows(
@@ -103,9 +103,7 @@ def _rows(
         (acting.force_kn, acting.speed_rpm) if acting is not None else (nothing, nothing)
     )
     columns = {
-        "depth_mm": signals.depth_mm,
-        "temperature_c": signals.temperature_c,
-        "torque_nm": signals.torque_nm,
+        **{column: getattr(signals, signal) for column, signal in SIGNALS.items()},
         **{
             (signal := SENSORS[name].signal): signals.optional.get(signal, nothing)
             for name in OPTIONAL
@@ -113,13 +111,8 @@ def _rows(
         "force_kn": force_kn,
         "speed_rpm": speed_rpm,
         "power_kw": signals.torque_nm * speed_rpm * KW_PER_NM_RPM,
-        "reference_depth_mm": signals.reference_depth_mm,
-        "reference_temperature_c": signals.reference_temperature_c,
-        "command_force_kn": signals.force_kn,
-        "command_speed_rpm": signals.speed_rpm,
         "latency_ms": 1e3 * signals.command_latency_s,
         "solve_ms": 1e3 * _solve_time_s(signals),
-        "angle_deg": signals.angle_deg,
     }
     numbers = [map(short, columns[name].tolist()) for name in COLUMNS[1:]]
     time_s = np.round(signals.time_s, 3).tolist()
@@ -138,8 +131,8 @@ def _errors_of(signals: WeldSignals) -> dict[str, FloatArray]:
 
 def _solve_time_s(signals: WeldSignals) -> FloatArray:
     """Solve time of the active controller; NaN without one."""
-    found = np.full(signals.n_ticks, np.nan)
+    solve_s = np.full(signals.n_ticks, np.nan)
     for name, status in signals.statuses.items():
         chosen = signals.command_source == name
-        found[chosen] = status.solve_time_s[chosen]
-    return found
+        solve_s[chosen] = status.solve_time_s[chosen]
+    return solve_s

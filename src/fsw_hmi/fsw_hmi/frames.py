@@ -18,22 +18,15 @@ from fsw_model.heat_profile import CORRELATION_MM
 
 #: order of the values in a row
 COLUMNS = (
-    "time_s",
-    "depth_mm",
-    "temperature_c",
-    "torque_nm",
-    "force_kn",
-    "speed_rpm",
-    "power_kw",
-    "reference_depth_mm",
-    "reference_temperature_c",
-    "command_force_kn",
-    "command_speed_rpm",
-    "latency_ms",
-    "solve_ms",
-    "angle_deg",
-    *(SENSORS[name].signal for name in OPTIONAL),
+    *("time_s", "depth_mm", "temperature_c", "torque_nm", "force_kn", "speed_rpm", "power_kw"),
+    *("reference_depth_mm", "reference_temperature_c", "command_force_kn", "command_speed_rpm"),
+    *("latency_ms", "solve_ms", "angle_deg", *(SENSORS[name].signal for name in OPTIONAL)),
 )
+
+_SAME = ("depth_mm", "torque_nm", "temperature_c", "angle_deg")
+#: by column: the signal of a weld (``fsw_analysis.weld_signals``)
+SIGNALS = {name: name for name in (*_SAME, "reference_depth_mm", "reference_temperature_c")}
+SIGNALS |= {"command_force_kn": "force_kn", "command_speed_rpm": "speed_rpm"}
 
 #: distance of two places of the band (chosen: finer than what the heat is known for)
 _STEP_DEG = 2.0
@@ -59,9 +52,9 @@ def heat_band(plan: HeatPlan | None) -> dict[str, Any]:
     per_mm = (high - low) / np.maximum(high_mm - low_mm, 1e-9)
     return {
         "type": readable(plan.type, 100),
-        "angle_deg": [short(one) for one in angle_deg.tolist()],
-        "heat_kw": [short(one) for one in np.interp(angle_deg, turned_deg, plan.heat_kw).tolist()],
-        "deviation_kw": [short(one) for one in np.sqrt(per_mm * half_mm).tolist()],
+        "angle_deg": [short(value) for value in angle_deg.tolist()],
+        "heat_kw": [short(kw) for kw in np.interp(angle_deg, turned_deg, plan.heat_kw).tolist()],
+        "deviation_kw": [short(value) for value in np.sqrt(per_mm * half_mm).tolist()],
     }
 
 
@@ -91,9 +84,9 @@ _EPOCH = re.compile(r"\b[1-9]\d{9}(?:\.\d+ s|\.\d+| s)\b")
 def readable(text: str, longest: int = 200) -> str:
     """Text of another node for operators: short, printable, with clock times, °C for degC."""
     text = text.replace("degC", "°C")
-    text = "".join(one if one.isprintable() else "?" for one in text[: 2 * longest])
+    text = "".join(letter if letter.isprintable() else "?" for letter in text[: 2 * longest])
     text = _EPOCH.sub(
-        lambda found: time.strftime("%H:%M:%S UTC", time.gmtime(float(found[0].rstrip(" s")))),
+        lambda match: time.strftime("%H:%M:%S UTC", time.gmtime(float(match[0].rstrip(" s")))),
         text,
     )
     return text if len(text) <= longest else f"{text[: longest - 1]}…"

@@ -43,7 +43,7 @@ class Now:
     """What the headline is made of, each as the page gets it."""
 
     tick_age_s: float | None = None  #: None before the first
-    alarms: Sequence[Mapping[str, Any]] = ()  #: the worst first
+    alarms: Sequence[Mapping[str, Any]] = ()  #: in the order of the list
     flags: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     state: Mapping[str, Any] = field(default_factory=dict)
     account: Mapping[str, Any] | None = None
@@ -67,7 +67,7 @@ def _worst(now: Now) -> dict[str, str]:
     if now.tick_age_s is None:
         return _line("attention", Code.NO_MEASUREMENTS_YET, "start_plant", "No measurements yet")
     if now.tick_age_s > TICK_AGE_S:
-        why = [one for one in now.alarms if one["id"] in _OF_SILENCE]
+        why = [alarm for alarm in now.alarms if alarm["id"] in _OF_SILENCE]
         since = f"for {now.tick_age_s:.0f} s" if now.tick_age_s >= 1.0 else ""
         return _urgent(why) or _line(
             "high", Code.NO_MEASUREMENTS, "check_plant", "No measurements", since
@@ -77,7 +77,7 @@ def _worst(now: Now) -> dict[str, str]:
         or _of_flags(now.flags)
         or _of_state(now.state)
         or (_end(now) if now.programme in OVER else _of_account(now.account))
-        or _of_alarms(now.alarms, "low")
+        or _of_alarms(now.alarms, ("low",))
         or _line("good", Code.GOOD, "none", "Good", "every limit is kept so far")
     )
 
@@ -88,32 +88,25 @@ def _line(level: str, code: Code, action: str, text: str, detail: str = "") -> d
 
 
 def _urgent(alarms: Sequence[Mapping[str, Any]]) -> dict[str, str] | None:
-    """The alarm that needs a person first: one that nobody has acknowledged before all others."""
-    return (
-        _of_alarms(alarms, "high", new=True)
-        or _of_alarms(alarms, "medium", new=True)
-        or _of_alarms(alarms, "high")
-        or _of_alarms(alarms, "medium")
-    )
+    """The alarm that needs a person first, by the order of the list: unacknowledged ones lead."""
+    return _of_alarms(alarms, ("high", "medium"))
 
 
 def _of_alarms(
-    alarms: Sequence[Mapping[str, Any]], priority: str, new: bool = False
+    alarms: Sequence[Mapping[str, Any]], priorities: tuple[str, ...]
 ) -> dict[str, str] | None:
-    states = ("active",) if new else ("active", "acknowledged")
-    of_state = [one for one in alarms if one["state"] in states]
-    first = next((one for one in of_state if one["priority"] == priority), None)
-    if first is None:
-        return None
-    about = {"code": first["cause"], "alarm": first["id"]}
-    told = {"action": first["action"], "next": first["advice"]}
-    return {"level": priority, "text": first["what"], "detail": first["why"], **about, **told}
+    for alarm in alarms:
+        if alarm["state"] in ("active", "acknowledged") and alarm["priority"] in priorities:
+            about = {"code": alarm["cause"], "alarm": alarm["id"], "action": alarm["action"]}
+            words = {"text": alarm["what"], "detail": alarm["why"], "next": alarm["advice"]}
+            return {"level": alarm["priority"], **words, **about}
+    return None
 
 
 def _of_flags(flags: Mapping[str, Mapping[str, str]]) -> dict[str, str] | None:
     if not flags:
         return None
-    name = min(flags, key=lambda one: flags[one]["level"] != "high")
+    name = min(flags, key=lambda quantity: flags[quantity]["level"] != "high")
     text = f"{VARIABLES[name].capitalize()}: {flags[name]['text']}"
     return _line(flags[name]["level"], Code.FLAG, "check_control", text)
 

@@ -34,7 +34,6 @@ from fsw_control.topics_ros import LATCHED
 from fsw_control.units import NANOSECONDS
 from fsw_hmi import users
 from fsw_hmi.alarm_desk_ros import AlarmDesk
-from fsw_hmi.alarm_rules import NO_PROGRAMME_S
 from fsw_hmi.answers import Answer
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
@@ -46,7 +45,7 @@ from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
 from fsw_hmi.requests import Acknowledge, SafeStop, Shelve, Unshelve
-from fsw_hmi.standing import flags_now
+from fsw_hmi.standing import Flag, flags_now
 from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage
@@ -82,7 +81,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         known, token = users.of(values["users_file"], values["token_file"])
         encrypted = tls_context(values["tls_cert"], values["tls_key"])
         files = PageFiles("live")
-        listening = listen(values["host"], values["port"], values["patience_s"])
+        listening = listen(values["host"], values["port"])
         self._received: deque[Order] = deque()
         self._holder = ""  # of control
         self._tick_sent_s = 0.0
@@ -90,12 +89,11 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._asked_leader, self._asked_s = "", float("-inf")
         self._actions = self.create_publisher(OperatorAction, "fsw/operator_action", LATCHED)
         self._get_parameters = self.create_client(GetParameters, "fsw_supervisor/get_parameters")
-        to_pages = self._on_rows, self._on_prediction, self._show_state
-        self._watch = Watch(self, *to_pages, partial(self._show, "heat"))
+        self._watch = Watch(self, self._on_rows, self._show)
         self._book = book_of(values["procedure"])
-        self._desk = AlarmDesk(self, self._watch, self._setting, self._book)
+        self._desk = AlarmDesk(self, self._watch, self._setting)
         self._weld = LiveWeld(self._book)
-        self._flags: dict[str, dict[str, str]] = {}
+        self._flags: dict[str, Flag] = {}
         self._stopping, self._recording = StopProgress(), Recording()
         self._headline: dict[str, str] = {}
         self._account: dict[str, Any] | None = None
@@ -104,7 +102,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(known, **{name: values[name] for name in _CONTROL})
-        self._page = LivePage(files, self._room, self._deliver, listening.gate.touch)
+        self._page = LivePage(files, self._room, self._deliver)
         hosts = values["host"], *values["allow_hosts"]
         app = application(self._page.routes(), hosts, listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
@@ -147,30 +145,24 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._weld.on_progress(self._watch.progress)
         if self._watch.state is not None:
             self._weld.on_state(self._watch.leader, self._watch.state)
-        for one in rows:
-            self._weld.add(one, self._watch.source)
-            text = row(one.stamp_ns, one.values)
+        for tick in rows:
+            self._weld.add(tick, self._watch.source)
+            text = row(tick.stamp_ns, tick.values)
             shown = None
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
                 self._flags = flags_now(
                     self._watch.values, self._watch.programme(), self._book, self._limits()
                 )
-                values = self._watch.values | {"time_s": one.stamp_ns / NANOSECONDS}
+                values = self._watch.values | {"time_s": tick.stamp_ns / NANOSECONDS}
                 stop = self._stopping.at(self._watch.stopped, values, safe_state(self._interlocks))
-                found = f'"flags":{json.dumps(self._flags)},"stop":{json.dumps(stop)}'
-                shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},{found}}}'
+                rest = f'"flags":{json.dumps(self._flags)},"stop":{json.dumps(stop)}'
+                shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},{rest}}}'
             self._web.call(partial(self._page.tick, text, shown, now_s))
 
     def _show(self, kind: str, content: Mapping[str, Any], of: str = "") -> None:
         """Send a frame to all pages, in place of the one of its kind before, or of its kind and what it is of."""
         self._web.call(partial(self._page.show, f"{kind} {of}".rstrip(), frame(kind, content)))
-
-    def _on_prediction(self, content: dict[str, Any]) -> None:
-        self._show("prediction", content, content["controller"])
-
-    def _show_state(self) -> None:
-        self._show("state", self._watch.state_frame())
 
     def _show_headline(self) -> None:
         watch, desk = self._watch, self._desk
@@ -188,10 +180,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         )
 
     def _say_hello(self) -> None:
-        hello = {
-            "limits": self._limits(),
-            "reference": reference(self._interlocks),
-        }
+        hello = {"limits": self._limits(), "reference": reference(self._interlocks)}
         self._web.call(partial(self._page.set_hello, hello))
 
     # ---------------------------------------------------------------- now and then
@@ -199,7 +188,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     def _look(self) -> None:
         self._orders.look()
         self._watch.look()
-        if self._desk.judge():
+        if self._desk.judge(self._flags):
             self._show("alarms", self._desk.frame())
         self._show_headline()
 
@@ -207,11 +196,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         watch = self._watch
         if not self._web.alive:
             raise RuntimeError("the page's server has ended")
-        self._show_state()
-        if watch.progress is not None:
-            old = time.monotonic() - watch.progress_s > NO_PROGRAMME_S
-            silent = {"state": "silent"} if old and watch.programme() else {}
-            self._show("progress", watch.progress | silent)
+        self._show("state", watch.state_frame())
+        watch.show_progress()
         newest_ns, recorder = watch.view.newest_ns, watch.recorder()
         newest_s = nan if newest_ns is None else newest_ns / NANOSECONDS
         self._recording.look(recorder.level, recorder.code, watch.recording, newest_s)
@@ -230,10 +216,10 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         response = future.result()
         if response is None:
             return
-        values = zip(PARAMETERS, response.values, strict=False)
-        found = {name: one.double_value for name, one in values if one.type == 3}  # a double
-        if found != self._interlocks:
-            self._interlocks = found
+        values = zip(PARAMETERS, response.values, strict=False)  # of type 3: a double
+        interlocks = {name: value.double_value for name, value in values if value.type == 3}
+        if interlocks != self._interlocks:
+            self._interlocks = interlocks
             self._say_hello()
 
     # ---------------------------------------------------------------- orders

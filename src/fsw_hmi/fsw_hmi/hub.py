@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from typing import Any
 
 from fsw_hmi.control import Session
+from fsw_hmi.gate import Peer
 
 #: ticks in a frame of the past, and such frames: an hour
 BLOCK, _BLOCKS = 600, 60
@@ -24,34 +24,29 @@ class History:
     def __init__(self) -> None:
         self._blocks: deque[str] = deque(maxlen=_BLOCKS)
         self._rows: list[str] = []
-        self._newest = ""
 
     def add(self, row: str) -> None:
         """Take an encoded row."""
         self._rows.append(row)
-        self._newest = ""
         if len(self._rows) == BLOCK:
             self._blocks.append(_frame(self._rows))
             self._rows.clear()
 
     def frames(self) -> list[str]:
         """Frames from the newest to the oldest; rows inside are in order of time."""
-        blocks = list(reversed(self._blocks))
-        if self._rows:
-            self._newest = self._newest or _frame(self._rows)
-            blocks.insert(0, self._newest)
-        return blocks
+        newest = [_frame(self._rows)] if self._rows else []
+        return [*newest, *reversed(self._blocks)]
 
 
 class Page:
     """One open page with the frames that it still has to get, the most urgent first.
 
     A slow page gets the newest ticks, the latest frame of every other kind, and all answers.
-    ``peer`` is address and port of its browser.
+    ``peer`` is its connection, for the admission control.
     """
 
-    def __init__(self, session: Session, peer: Any) -> None:
-        self.session, self.peer = session, peer
+    def __init__(self, session: Session, peer: Peer | None) -> None:
+        self.session, self._peer = session, peer
         self.closed = False  #: by the person, not cut off
         self.superseded = False  #: another connection has resumed its session
         self.stops: list[int] = []  #: numbers of safe stops that are not answered yet
@@ -61,6 +56,11 @@ class Page:
         self._latest: dict[str, str] = {}
         self._ticks: deque[str] = deque(maxlen=_TICKS)
         self._history: deque[str] = deque()
+
+    def touch(self) -> None:
+        """Note that somebody has asked for something on this page."""
+        if self._peer is not None:
+            self._peer.touch(self.session.may_stop)
 
     def begin(self, hello: str, latest: dict[str, str], history: list[str]) -> None:
         """Start, or restart, with all known frames."""

@@ -22,27 +22,22 @@ from fsw_hmi.standing import QUANTITIES
 
 #: scales, chosen
 _TORQUE_NM, _POWER_KW = Range(300.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")
-#: by quantity: scale, further fields, and the supervisor's interlocks below and above
-_QUANTITIES: dict[str, tuple[Range, dict[str, Any], str, str]] = {
-    "depth_mm": (
-        REFERENCE_DEPTH_MM,
-        {"dead_band": DEAD_BAND_DEPTH_MM},
-        *SET_POINT_INTERLOCKS["depth_mm"],
-    ),
+#: by quantity: scale, dead band, and the supervisor's interlocks below and above
+_QUANTITIES: dict[str, tuple[Range, float | None, str, str]] = {
+    "depth_mm": (REFERENCE_DEPTH_MM, DEAD_BAND_DEPTH_MM, *SET_POINT_INTERLOCKS["depth_mm"]),
     "temperature_c": (
-        REFERENCE_TEMPERATURE_C,
-        {"dead_band": DEAD_BAND_TEMPERATURE_C},
+        *(REFERENCE_TEMPERATURE_C, DEAD_BAND_TEMPERATURE_C),
         *SET_POINT_INTERLOCKS["temperature_c"],
     ),
-    "force_kn": (COMMAND_FORCE_KN, {}, "", "force_high"),
-    "speed_rpm": (COMMAND_SPEED_RPM, {}, "", ""),
-    "torque_nm": (_TORQUE_NM, {}, "torque_low", "torque_high"),
-    "power_kw": (_POWER_KW, {}, "", "power_high"),
+    "force_kn": (COMMAND_FORCE_KN, None, "", "force_high"),
+    "speed_rpm": (COMMAND_SPEED_RPM, None, "", ""),
+    "torque_nm": (_TORQUE_NM, None, "torque_low", "torque_high"),
+    "power_kw": (_POWER_KW, None, "", "power_high"),
 }
 _LEVELS = ("warn", "trip")
 #: smallest steps in which set-points are typed in, chosen
 _STEPS = {"depth_mm": 0.01, "temperature_c": 0.1}
-_NAMES = [name for one in _QUANTITIES.values() for name in one[2:] if name]
+_NAMES = [name for entry in _QUANTITIES.values() for name in entry[2:] if name]
 _SAFE = ("safe_force_kn", "safe_rate_kn_per_s")
 #: the supervisor's parameters that are used
 PARAMETERS = (*(f"interlocks.{name}.{level}" for name in _NAMES for level in _LEVELS), *_SAFE)
@@ -66,27 +61,27 @@ def limits(
     ``.trip``; ``book`` is the rule book by which the weld is judged, and ``deviations`` go by the
     names in ``DEVIATIONS``.
     """
-    found: dict[str, dict[str, Any]] = {}
-    for quantity, (scale, known, *_) in _QUANTITIES.items():
-        found[quantity] = {"range": [scale.low, scale.high], **known}
+    by_quantity: dict[str, dict[str, Any]] = {}
+    for quantity, (scale, dead_band, *_) in _QUANTITIES.items():
+        by_quantity[quantity] = {"range": [scale.low, scale.high], "dead_band": dead_band}
         for level in _LEVELS:
             pair = _interlocks(quantity, level, parameters)
             if pair != [None, None]:
-                found[quantity][level] = pair
+                by_quantity[quantity][level] = pair
         if deviations is not None and f"deviation_{quantity}" in deviations:
-            found[quantity]["deviation"] = deviations[f"deviation_{quantity}"]
+            by_quantity[quantity]["deviation"] = deviations[f"deviation_{quantity}"]
         kept = [
-            {"low": one.min, "high": one.max, "of_aim": one.variable != quantity}
-            for _, one in book.limits()
-            if one.variable in (quantity, QUANTITIES[quantity])
+            {"low": limit.min, "high": limit.max, "of_aim": limit.variable != quantity}
+            for _, limit in book.limits()
+            if limit.variable in (quantity, QUANTITIES[quantity])
         ]
         if kept:
-            found[quantity]["kept"] = kept
+            by_quantity[quantity]["kept"] = kept
         rows = (row for row in SENSORS.values() if row.quantity.signal == quantity)
         others = [{"key": row.signal, "name": row.title} for row in rows if not row.required]
         if others:
-            found[quantity]["others"] = others
-    return found
+            by_quantity[quantity]["others"] = others
+    return by_quantity
 
 
 def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
@@ -97,15 +92,15 @@ def safe_state(parameters: Mapping[str, Any]) -> dict[str, float] | None:
 
 def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Permitted set-points, as far as trips are known; ``parameters`` as in :func:`limits`."""
-    found: dict[str, Any] = {
+    permitted: dict[str, Any] = {
         "rate_depth_mm_per_s": WELD_RATE_DEPTH_MM_PER_S,
         "rate_temperature_c_per_s": WELD_RATE_TEMPERATURE_C_PER_S,
     }
     for quantity, step in _STEPS.items():
         allowed = _QUANTITIES[quantity][0]
         under, over = _interlocks(quantity, "trip", parameters)
-        found[quantity] = [
+        permitted[quantity] = [
             allowed.low if under is None else max(allowed.low, round(under + step, 6)),
             allowed.high if over is None else min(allowed.high, round(over - step, 6)),
         ]
-    return found
+    return permitted

@@ -18,7 +18,7 @@ from fsw_analysis.weld_events import WeldEvent
 from fsw_analysis.weld_signals import DriveSignals, WeldSignals, experiment_time_s
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.units import NANOSECONDS
-from fsw_hmi.frames import COLUMNS
+from fsw_hmi.frames import COLUMNS, SIGNALS
 from fsw_hmi.hub import KEPT
 from fsw_hmi.standing import programme_aims
 from fsw_hmi.weld_view import Row
@@ -42,7 +42,7 @@ class LiveWeld:
         #: of ``COLUMNS`` after the time, then what the programme has
         self._rows: list[tuple[float, ...]] = []
         self._texts: list[tuple[str, str, str]] = []  #: source, controller, mode
-        self._phases: list[tuple[int, str]] = []
+        self._phases: list[tuple[int, Any]] = []
         self._states: list[tuple[int, Any]] = []
         self._programme: list[tuple[int, Any]] = []
         self._problems: list[str] = []
@@ -52,7 +52,7 @@ class LiveWeld:
     def on_state(self, leader: str, state: Mapping[str, Any]) -> None:
         """Take what the supervisor reports, as the page gets it, and its identity."""
         controller, mode, *rest = (state[name] for name in _STATE)
-        interlocks = tuple((one["name"], one["level"]) for one in state["interlocks"])
+        interlocks = tuple((lock["name"], lock["level"]) for lock in state["interlocks"])
         self._state = controller, mode, leader, interlocks, *rest
 
     def on_progress(self, progress: Mapping[str, Any]) -> None:
@@ -81,14 +81,10 @@ class LiveWeld:
         state = self._state or ("", "", "", (), "", -1, "")
         self._texts.append((source, state[0], state[1]))
         was_over = bool(self._programme) and self._programme[-1][1] in OVER
-        changes: tuple[tuple[list[tuple[int, Any]], Any], ...]
-        changes = (self._states, state), (self._programme, progress.get("state", ""))
-        for found, value in changes:
-            if not found or found[-1][1] != value:
-                found.append((stamp_ns, value))
-        phase = progress.get("phase", "")
-        if phase and (not self._phases or self._phases[-1][1] != phase):
-            self._phases.append((stamp_ns, phase))
+        _note(self._states, stamp_ns, state)
+        _note(self._programme, stamp_ns, progress.get("state", ""))
+        if phase := progress.get("phase", ""):
+            _note(self._phases, stamp_ns, phase)
         begin_ns = self._stamps_ns[0]
         begin_s = float(experiment_time_s(np.array([begin_ns]))[0])
         # the record, too, ends with the tick in which the programme ends
@@ -134,21 +130,17 @@ class LiveWeld:
             return [(stamp / NANOSECONDS - shift_s, value) for stamp, value in entries]
 
         phases = [(name, time) for time, name in at(self._phases)]
-        found = [WeldEvent(time, "phase", name) for name, time in phases]
+        events = [WeldEvent(time, "phase", name) for name, time in phases]
         programme, state = self._programme, (self._progress or {}).get("state", "")
         if state in OVER and programme[-1][1] != state:  # no tick has come after the end
             programme = [*programme, (self._stamps_ns[-1], state)]
-        found += [*of_programme_states(at(programme)), *of_states(at(self._states))]
+        events += [*of_programme_states(at(programme)), *of_states(at(self._states))]
         return WeldSignals(
             path=Path(),
             stamp_ns=stamp_ns,
             time_s=time_s,
-            **{(signal := SENSORS[name].signal): columns[signal] for name in REQUIRED},
+            **{signal: columns[column] for column, signal in SIGNALS.items()},
             optional={(signal := SENSORS[name].signal): columns[signal] for name in OPTIONAL},
-            reference_depth_mm=columns["reference_depth_mm"],
-            reference_temperature_c=columns["reference_temperature_c"],
-            force_kn=columns["command_force_kn"],
-            speed_rpm=columns["command_speed_rpm"],
             command_source=source,
             command_reason=source,
             command_latency_s=columns["latency_ms"],
@@ -157,13 +149,18 @@ class LiveWeld:
             drives=DriveSignals(columns["force_kn"], columns["speed_rpm"]),
             problems=[*self._problems],
             phases=phases,
-            events=sorted(found, key=lambda one: one.time_s),
+            events=sorted(events, key=lambda event: event.time_s),
             programme_depth_mm=np.where(
                 without, columns["reference_depth_mm"], columns["programme_depth_mm"]
             ),
             programme_temperature_c=np.where(
                 without, columns["reference_temperature_c"], columns["programme_temperature_c"]
             ),
-            angle_deg=columns["angle_deg"],
             travel_mm=columns["travel_mm"],
         )
+
+
+def _note(entries: list[tuple[int, Any]], stamp_ns: int, value: object) -> None:
+    """Add a value that is another than the last."""
+    if not entries or entries[-1][1] != value:
+        entries.append((stamp_ns, value))

@@ -31,11 +31,10 @@ def parser() -> argparse.ArgumentParser:
     specs = describe(HmiParameters)
     kinds: dict[str, dict[str, Any]] = {"port": {"type": int}, "allow_hosts": {"action": "append"}}
     for name in _OPTIONS:
-        default = f" (default: {specs[name].default})" if specs[name].default else ""
-        default = "; several times" if name == "allow_hosts" else default
-        flag, text = f"--{name.removesuffix('s').replace('_', '-')}", specs[name].description
-        kind = kinds.get(name, {})
-        whole.add_argument(flag, dest=name, metavar="VALUE", help=text + default, **kind)
+        text, default = specs[name].description, specs[name].default
+        text += f" (default: {default})" if default else ""
+        flag = f"--{name.removesuffix('s').replace('_', '-')}"
+        whole.add_argument(flag, dest=name, metavar="VALUE", help=text, **kinds.get(name, {}))
     text = "show this recorded weld; twice: compare two"
     whole.add_argument("--bag", action="append", type=Path, metavar="BAG", help=text)
     return whole
@@ -68,7 +67,7 @@ def main(args: Sequence[str] | None = None) -> int:
 def _overrides(parsed: argparse.Namespace) -> list[str]:
     """Options as parameters of the node; JSON is YAML that needs no quotes."""
     values = {name: getattr(parsed, name) for name in _OPTIONS}
-    given = [f"{name}:={json.dumps(one)}" for name, one in values.items() if one is not None]
+    given = [f"{name}:={json.dumps(value)}" for name, value in values.items() if value is not None]
     return ["--ros-args", *(word for text in given for word in ("-p", text))]
 
 

@@ -103,14 +103,13 @@ class Orders:
         now_s = time.monotonic()
         for call in [*self._calls]:
             if now_s >= call.due_s:
-                again = call.repeat and not call.is_answered
-                if not again:
-                    code = Code.SILENT if call.asked_s else Code.NO_SERVICE
-                    self._end(call, code.timed_out(service=call.offered_by))
-                else:
+                service = call.offered_by
+                if call.repeat and not call.is_answered:
                     call.is_answered, call.due_s = True, now_s + _REPEAT_FOR_S
-                    code = Code.SILENT_YET if call.asked_s else Code.NO_SERVICE_YET
-                    call.answer(code.timed_out(service=call.offered_by, wait_s=_REPEAT_FOR_S))
+                    call.answer(Code.ASKED_AGAIN.timed_out(service=service, wait_s=_REPEAT_FOR_S))
+                else:
+                    code = Code.SILENT if call.asked_s else Code.NO_SERVICE
+                    self._end(call, code.timed_out(service=service))
             elif call.asked_s == 0.0 or (call.repeat and now_s >= call.asked_s + _REPEAT_S):
                 if call.client.service_is_ready():
                     self._ask(call, now_s)

@@ -32,11 +32,9 @@ class HmiParameters(NodeParameters):
     (chosen)."""
     local_stop: Annotated[bool, AT_START] = True
     """Whether pages on this computer may ask for a safe stop without login; false if a proxy on
-    this computer serves others."""
+    this computer serves others and does not set X-Forwarded-For."""
     allow_hosts: Annotated[Many[str], AT_START] = ()
     """Further names and addresses under which browsers ask for the page."""
-    patience_s: Annotated[float, Range(0.5, 600.0, "s"), AT_START] = 10.0
-    """Time after which a page that takes nothing is given up (chosen)."""
     request_timeout_s: Annotated[float, Range(0.1, 60.0, "s")] = 3.0
     """Time for which the graph's answer to a request is waited for (chosen)."""
     procedure: Annotated[str, AT_START] = ""

@@ -32,6 +32,7 @@ _OF_LEVEL = {
     "warn": RecordingState.INCOMPLETE,
     "error": RecordingState.FAILED,
 }
+_LACKING = {RecordingState.INCOMPLETE, RecordingState.FAILED}
 #: codes of a recorder that writes nothing: by a request, or until there is something
 _PAUSED = (Note.PAUSED, Note.AWAITED)
 #: a recorder that ends closes its bag within this time (chosen)
@@ -52,7 +53,8 @@ class Recording:
         self._weld_s = self._recorded_s = nan  # times of the weld: now, and of the last report
         self._open_s: float | None = None  # begin of the gap that lasts
         self._missing = 0
-        self._lacks = self._failed = self._empty = False  # the bag of the last report
+        self._states: set[RecordingState] = set()  # that the bag of the last report has been in
+        self._empty = False  # and whether it has nothing in it
 
     @property
     def gaps(self) -> list[tuple[float, float]]:
@@ -68,21 +70,17 @@ class Recording:
         self._weld_s = weld_s
         if level in _OF_LEVEL:
             if values.get("bag") != self._values.get("bag"):
-                self._lacks = self._failed = False
+                self._states = set()
             self._values = values
             self.state = RecordingState.PAUSED if code in _PAUSED else _OF_LEVEL[level]
-            self._failed = self._failed or self.state is RecordingState.FAILED
-            self._lacks = self._lacks or self.state in (
-                RecordingState.INCOMPLETE,
-                RecordingState.FAILED,
-            )
+            self._states.add(self.state)
             self._empty = code == Note.AWAITED
         elif self.state is not RecordingState.NONE:
             closed = _is_complete(self._values.get("bag", ""))
             self.state = RecordingState.CLOSED if closed else RecordingState.SILENT
         silent = self.state in (RecordingState.SILENT, RecordingState.FAILED)
         self._note_gap(silent or code == Note.PAUSED)
-        lacks = self._lacks or self._empty or self.gaps
+        lacks = self._states & _LACKING or self._empty or self.gaps
         if self.state is RecordingState.RECORDING and self._gaps:
             self.state = RecordingState.INCOMPLETE
         elif self.state is RecordingState.CLOSED and lacks:
@@ -94,7 +92,10 @@ class Recording:
         if is_open and (self._open_s is None or not isfinite(self._open_s)):
             self._open_s = self._recorded_s if isfinite(self._recorded_s) else self._weld_s
         elif not is_open and self._open_s is not None:
-            closing = self._weld_s - self._open_s <= _CLOSING_S and not self._failed
+            closing = (
+                self._weld_s - self._open_s <= _CLOSING_S
+                and RecordingState.FAILED not in self._states
+            )
             if not closing or self.state is not RecordingState.CLOSED:
                 self._add_gap(self._open_s)
             self._open_s = None

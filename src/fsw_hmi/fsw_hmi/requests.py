@@ -18,7 +18,7 @@ from fsw_control.schema.models import InputError, Many, Model, Problem, validate
 from fsw_control.schema.ranges import Range
 
 _Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]{1,100}$")]
-_AlarmId = Annotated[str, Field(pattern="^[ -~]{1,100}$")]
+_AlarmId = Annotated[str, Field(min_length=1, max_length=250)]
 
 
 class Action(Model):

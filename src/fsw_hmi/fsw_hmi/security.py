@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from ipaddress import IPv4Address, IPv6Address, IPv6Network, ip_address
 from typing import Any
 
@@ -21,18 +21,17 @@ HEADERS = {
 }
 
 
-#: counts a request of a client, by its address and port, for as long as it lasts
-Counter = Callable[[Any], AbstractContextManager[None]]
-
-
 class Security:
     """Middleware: refuses requests from other pages, and adds missing security headers.
 
-    The check of the origin refuses cross-site WebSockets. A WebSocket without an origin is
+    ``counted`` counts a request of a client, by its address and port, for as long as it lasts;
+    what it yields is passed on as ``peer``. The check of the origin refuses cross-site WebSockets. A WebSocket without an origin is
     refused, too; every browser sends one.
     """
 
-    def __init__(self, app: ASGIApp, counted: Counter = lambda _: nullcontext()) -> None:
+    def __init__(
+        self, app: ASGIApp, counted: Callable[[Any], AbstractContextManager[Any]]
+    ) -> None:
         self._app, self._counted = app, counted
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -50,7 +49,7 @@ class Security:
                     headers.setdefault(name, value)
             await send(message)
 
-        with self._counted(scope.get("client")):
+        with self._counted(scope.get("client")) as scope["peer"]:
             await app(scope, receive, send_with_headers)
 
 
@@ -64,23 +63,23 @@ def _is_own(scope: Scope) -> bool:
 
 def client_of(address: str) -> str:
     """Client by which limits count: an IPv4 address, or the /64 network of an IPv6 address."""
-    found = _ip(address)
+    ip = _ip(address)
     return (
-        str(IPv6Network((found, 64), strict=False))
-        if isinstance(found, IPv6Address)
-        else str(found or address)
+        str(IPv6Network((ip, 64), strict=False))
+        if isinstance(ip, IPv6Address)
+        else str(ip or address)
     )
 
 
 def is_loopback(address: str) -> bool:
     """Whether the address belongs to this computer."""
-    found = _ip(address)
-    return found is not None and found.is_loopback
+    ip = _ip(address)
+    return ip is not None and ip.is_loopback
 
 
 def _ip(address: str) -> IPv4Address | IPv6Address | None:
     try:
-        found = ip_address(address.partition("%")[0])
+        ip = ip_address(address.partition("%")[0])
     except ValueError:
         return None
-    return (found.ipv4_mapped or found) if isinstance(found, IPv6Address) else found
+    return (ip.ipv4_mapped or ip) if isinstance(ip, IPv6Address) else ip

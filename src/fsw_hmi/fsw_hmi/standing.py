@@ -15,6 +15,8 @@ import numpy as np
 from fsw_analysis.rule_book import Check, RuleBook
 from fsw_analysis.weld_signals import FloatArray, TextArray
 
+#: a violation, as the page gets it
+Flag = dict[str, Any]
 Kind = Literal["trip", "essential", "warn", "quality", "error", "deviation"]
 #: by kind: level and words
 _WORDS: dict[Kind, tuple[str, str]] = {
@@ -42,8 +44,8 @@ class _Test(NamedTuple):
 
     kind: Kind
     variable: str
-    low: float
-    high: float
+    min: float | None
+    max: float | None
     phases: tuple[str, ...] = ()
 
 
@@ -52,13 +54,13 @@ def variables(
 ) -> dict[str, float]:
     """Values of a row, and errors from the programme's set-points or else those in force."""
     own = programme_aims(progress)
-    found = dict(values)
+    every = dict(values)
     for quantity, error in QUANTITIES.items():
         if error:
-            found[error] = values.get(quantity, nan) - own.get(
+            every[error] = values.get(quantity, nan) - own.get(
                 quantity, values.get(f"reference_{quantity}", nan)
             )
-    return found
+    return every
 
 
 def programme_aims(progress: Mapping[str, Any] | None) -> dict[str, float]:
@@ -69,18 +71,13 @@ def programme_aims(progress: Mapping[str, Any] | None) -> dict[str, float]:
     return {name: float(aim) for name, aim in aims.items() if aim is not None}
 
 
-def holds(check: Check, phase: str) -> bool:
-    """Whether a limit applies in a phase; in an unknown phase it does, as in the judgement."""
-    return not check.phases or phase in (*check.phases, "")
-
-
 def flags(
     columns: Mapping[str, FloatArray],
     phases: TextArray,
     book: RuleBook,
     limits: Mapping[str, Mapping[str, Any]],
-) -> list[dict[str, dict[str, str]]]:
-    """Worst violation of each quantity at each moment: level, kind, words; empty if none.
+) -> list[dict[str, Flag]]:
+    """Worst violation of each quantity at each moment: level, words, and the limit; empty if none.
 
     Parameters
     ----------
@@ -93,7 +90,7 @@ def flags(
     limits : mapping
         Interlocks in force and deviations of the drives, as of ``fsw_hmi.limits.limits``.
     """
-    found: list[dict[str, dict[str, str]]] = [{} for _ in range(phases.size)]
+    flags_of_row: list[dict[str, Flag]] = [{} for _ in range(phases.size)]
     for quantity in QUANTITIES:
         for test in _tests(quantity, book, limits.get(quantity, {})):
             values = columns.get(test.variable)
@@ -103,12 +100,21 @@ def flags(
                 continue
             held = True if not test.phases else np.isin(phases.astype(str), [*test.phases, ""])
             level, words = _WORDS[test.kind]
-            for side, outside in (("low", values < test.low), ("high", values > test.high)):
+            limit = {
+                "kind": test.kind,
+                "variable": test.variable,
+                "min": test.min,
+                "max": test.max,
+            }
+            for side, end, is_outside in (
+                ("low", test.min, np.less),
+                ("high", test.max, np.greater),
+            ):
+                flag = {"level": level, "text": f"{words}, {side}", **limit}
+                outside = False if end is None else is_outside(values, end)
                 for row in np.flatnonzero(outside & held):
-                    found[row].setdefault(
-                        quantity, {"level": level, "kind": test.kind, "text": f"{words}, {side}"}
-                    )
-    return found
+                    flags_of_row[row].setdefault(quantity, flag)
+    return flags_of_row
 
 
 def flags_now(
@@ -116,7 +122,7 @@ def flags_now(
     progress: Mapping[str, Any] | None,
     book: RuleBook,
     limits: Mapping[str, Mapping[str, Any]],
-) -> dict[str, dict[str, str]]:
+) -> dict[str, Flag]:
     """As :func:`flags`, of one row."""
     columns = {name: np.array([value]) for name, value in variables(values, progress).items()}
     phase = str((progress or {}).get("phase", ""))
@@ -125,12 +131,13 @@ def flags_now(
 
 def _tests(quantity: str, book: RuleBook, own: Mapping[str, Any]) -> Iterator[_Test]:
     """Ranges of a quantity, in order of severity."""
-    checks = [one for one in book.checks() if one.variable in (quantity, QUANTITIES[quantity])]
+    variables = quantity, QUANTITIES[quantity]
+    checks = [check for check in book.checks() if check.variable in variables]
     if "trip" in own:
-        yield _Test("trip", quantity, *_ends(own["trip"]))
-    yield from (_of_check("essential", one) for one in checks if one.kind == "essential")
+        yield _Test("trip", quantity, *own["trip"])
+    yield from (_of_check("essential", check) for check in checks if check.kind == "essential")
     if "warn" in own:
-        yield _Test("warn", quantity, *_ends(own["warn"]))
+        yield _Test("warn", quantity, *own["warn"])
     for check in checks:
         if check.kind == "quality":
             yield _of_check("quality" if check.variable == quantity else "error", check)
@@ -139,9 +146,4 @@ def _tests(quantity: str, book: RuleBook, own: Mapping[str, Any]) -> Iterator[_T
 
 
 def _of_check(kind: Kind, check: Check) -> _Test:
-    return _Test(kind, check.variable, *_ends((check.min, check.max)), check.phases)
-
-
-def _ends(pair: tuple[float | None, float | None]) -> tuple[float, float]:
-    low, high = pair
-    return -np.inf if low is None else low, np.inf if high is None else high
+    return _Test(kind, check.variable, check.min, check.max, check.phases)

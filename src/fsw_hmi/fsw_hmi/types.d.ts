@@ -20,7 +20,7 @@ interface Limit {
   kept?: { low: Value; high: Value; of_aim: boolean }[];
   /** columns of further sensors of the quantity */
   others?: { key: string; name: string }[];
-  dead_band?: number;
+  dead_band: Value;
   deviation?: number;
   warn?: Pair;
   trip?: Pair;
@@ -128,7 +128,6 @@ interface Alarm {
   /** in the order of raising */
   number: number;
   count: number;
-  chatters: boolean;
   first_out: boolean;
   first: string;
   first_s: number;

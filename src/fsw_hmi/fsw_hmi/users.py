@@ -186,7 +186,7 @@ def read(path: Path) -> list[User]:
 def write(path: Path, users: Sequence[User]) -> None:
     """Write the file atomically, readable only by its owner."""
     style: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "width": 1000}
-    lines = (yaml.safe_dump([one.model_dump()], **style) for one in users)
+    lines = (yaml.safe_dump([user.model_dump()], **style) for user in users)
     write_whole(path, "".join(lines), 0o600, durable=True)
 
 

@@ -26,7 +26,14 @@ from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.reports_ros import CODE
 from fsw_control.sensors import DEPTH_CHANNELS, REQUIRED, SENSORS
 from fsw_control.topics_ros import LATEST, STREAM, subscribe_drives, subscribe_sensors
-from fsw_hmi.alarm_rules import NO_REPORT_S, RECORDING, UNDER_WAY, Part, standby_ready
+from fsw_hmi.alarm_rules import (
+    NO_PROGRAMME_S,
+    NO_REPORT_S,
+    RECORDING,
+    UNDER_WAY,
+    Part,
+    standby_ready,
+)
 from fsw_hmi.frames import COLUMNS, heat_band, readable, short
 from fsw_hmi.weld_view import Row, WeldView
 from fsw_msgs.msg import (
@@ -57,7 +64,7 @@ NO_STATE: dict[str, Any] = {
     **{"controllers": [], "interlocks": [], "acknowledged": False},
 }
 #: what can be a part of a topic's name
-_NAME = re.compile("[A-Za-z][A-Za-z0-9_]{0,99}")
+_NAME = re.compile("[A-Za-z]([A-Za-z0-9_]{0,98}[A-Za-z0-9])?")
 
 
 class Watch:
@@ -67,21 +74,17 @@ class Watch:
     controllers. So this node subscribes to the sensors only while it hears the drives, whose
     subscribers are not counted.
 
-    ``on_rows`` gets the rows that are over, and whether another weld has begun; ``on_prediction``
-    a controller's prediction as the content of its frame, ``on_heat`` the known heat likewise;
-    ``on_state`` is called when the supervisor has reported.
+    ``on_rows`` gets the rows that are over, and whether another weld has begun; ``show`` the kind
+    and the content of a frame, and of predictions whose it is.
     """
 
     def __init__(
         self,
         node: Node,
         on_rows: Callable[[list[Row], bool], None],
-        on_prediction: Callable[[dict[str, Any]], None],
-        on_state: Callable[[], None],
-        on_heat: Callable[[dict[str, Any]], None],
+        show: Callable[..., None],
     ) -> None:
-        self._node, self._on_rows, self._on_prediction = node, on_rows, on_prediction
-        self._show_state, self._on_heat = on_state, on_heat
+        self._node, self._on_rows, self._show = node, on_rows, show
         self._known_heat_share = nan  # that the controller which commands uses
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
@@ -159,11 +162,12 @@ class Watch:
     def _on_state(self, message: SupervisorState) -> None:
         self.state, self.state_s = _state(message), time.monotonic()
         self.leader = message.leader
-        for one in message.controllers:
-            fits = len(self._controllers) < _MOST_CONTROLLERS and _NAME.fullmatch(one.name)
-            if fits and one.name not in self._controllers and not one.name.endswith("_"):
-                self._follow(one.name)
-        self._show_state()
+        for controller in message.controllers:
+            name = controller.name
+            fits = len(self._controllers) < _MOST_CONTROLLERS and _NAME.fullmatch(name)
+            if fits and name not in self._controllers:
+                self._follow(name)
+        self._show("state", self.state_frame())
 
     def _follow(self, controller: str) -> None:
         """Listen to a controller that the supervisor knows."""
@@ -180,8 +184,8 @@ class Watch:
                 1e3 * message.solve_time if message.solver_status else float("nan")
             )
             self.attainable, self._goes_for = convert.attainable(message), message.controller
-            told = dict(zip(message.disturbance_names, message.disturbances, strict=False))
-            self._known_heat_share = told.get(SHARE_NAME, nan)
+            disturbances = dict(zip(message.disturbance_names, message.disturbances, strict=False))
+            self._known_heat_share = disturbances.get(SHARE_NAME, nan)
         elif message.controller == self._goes_for:  # it no longer commands
             self.attainable = None
 
@@ -189,14 +193,22 @@ class Watch:
         now_s = time.monotonic()
         if now_s - self._controllers[controller] >= _PREDICTION_PERIOD_S:
             self._controllers[controller] = now_s
-            self._on_prediction(_prediction(controller, message))
+            self._show("prediction", _prediction(controller, message), controller)
 
     def _on_heat_plan(self, message: HeatPlan) -> None:
-        self._on_heat(heat_band(convert.heat_plan(message)))
+        self._show("heat", heat_band(convert.heat_plan(message)))
 
     def _on_progress(self, message: WeldProgress) -> None:
         self.progress, self.progress_s = _progress(message), time.monotonic()
         self.view.angle_deg = degrees(message.angle)
+        self.show_progress()
+
+    def show_progress(self) -> None:
+        """Send what a programme has reported last; one that no longer reports is silent."""
+        if self.progress is not None:
+            old = time.monotonic() - self.progress_s > NO_PROGRAMME_S
+            silent = {"state": "silent"} if old and self.programme() else {}
+            self._show("progress", self.progress | silent)
 
     def programme(self) -> dict[str, Any] | None:
         """What a programme that is under way has reported last."""
@@ -208,7 +220,7 @@ class Watch:
             name = local_name(status.name, status.hardware_id, self._node.get_namespace())
             if name is None:
                 continue
-            node, _, what = (readable(one, 100) for one in name.partition(": "))
+            node, _, what = (readable(word, 100) for word in name.partition(": "))
             parts = self._parts.get(node, {})
             if what not in parts and self._is_full(node):
                 continue
@@ -230,12 +242,12 @@ class Watch:
     def recorder(self) -> Part:
         """The recorder's last report, of level ``stale`` if it is old; empty before the first."""
         reports = (parts[RECORDING] for parts in self.parts().values() if RECORDING in parts)
-        return min(reports, key=lambda one: one.level == "stale", default=Part("", ""))
+        return min(reports, key=lambda part: part.level == "stale", default=Part("", ""))
 
     def _is_full(self, node: str) -> bool:
         """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""
         own = node.startswith("fsw_")
-        kept = [one for name, one in self._parts.items() if name.startswith("fsw_") == own]
+        kept = [parts for name, parts in self._parts.items() if name.startswith("fsw_") == own]
         return sum(map(len, kept)) >= _MOST_PARTS
 
     def state_frame(self) -> dict[str, Any]:
@@ -251,7 +263,7 @@ class Watch:
         """Diagnostics by node and part."""
         now_s = time.monotonic()
         recent = {
-            node: {what: one for what, one in parts.items() if now_s - one[1] <= _FORGET_S}
+            node: {what: entry for what, entry in parts.items() if now_s - entry[1] <= _FORGET_S}
             for node, parts in self._parts.items()
         }
         self._parts = {node: parts for node, parts in recent.items() if parts}
@@ -271,10 +283,10 @@ def _state(message: SupervisorState) -> dict[str, Any]:
         **{name: readable(getattr(message, name)) for name in _WORDS},
         "reason": readable(reason.words),
         "tripped": [readable(name) for name in reason.interlocks],
-        "controllers": [_controller(one) for one in message.controllers[:_MOST_CONTROLLERS]],
+        "controllers": [_controller(health) for health in message.controllers[:_MOST_CONTROLLERS]],
         "interlocks": [
-            {"name": readable(one.name), "level": Severity(one.level).word}
-            for one in message.interlocks[:_MOST_CONTROLLERS]
+            {"name": readable(interlock.name), "level": Severity(interlock.level).word}
+            for interlock in message.interlocks[:_MOST_CONTROLLERS]
         ],
         "cause": cause,
         "by": readable(message.who) or cause.words,
@@ -283,22 +295,22 @@ def _state(message: SupervisorState) -> dict[str, Any]:
     }
 
 
-def _controller(one: ControllerHealth) -> dict[str, Any]:
-    lacks = convert.readiness(one)
+def _controller(controller: ControllerHealth) -> dict[str, Any]:
+    lacks = convert.readiness(controller)
     return {
-        "name": readable(one.name, 100),
-        "ready": bool(one.warm) and not lacks.lack,
-        "healthy": bool(one.healthy),
-        "inhibited": bool(one.latched_out),
-        "reason": readable(lacks.words(one.name)),
+        "name": readable(controller.name, 100),
+        "ready": bool(controller.warm) and not lacks.lack,
+        "healthy": bool(controller.healthy),
+        "inhibited": bool(controller.latched_out),
+        "reason": readable(lacks.words(controller.name)),
         "lack": int(lacks.lack),
         "why": readable(lacks.why),
         "missing_sensors": list(lacks.sensors),
-        "latency_ms": short(1e3 * one.latency_mean),
-        "latency_max_ms": short(1e3 * one.latency_max),
-        "missed": one.missed,
-        "late": one.late,
-        "rejected": one.rejected,
+        "latency_ms": short(1e3 * controller.latency_mean),
+        "latency_max_ms": short(1e3 * controller.latency_max),
+        "missed": controller.missed,
+        "late": controller.late,
+        "rejected": controller.rejected,
     }
 
 
@@ -322,13 +334,13 @@ def _prediction(controller: str, message: Prediction) -> dict[str, Any]:
     begin_s = convert.stamp_ns(message.header.stamp) / units.NANOSECONDS
     return {
         "controller": controller,
-        "time_s": [round(begin_s + one, 3) for one in message.time],
-        "depth_mm": [short(units.mm_from_m(one)) for one in message.depth],
-        "temperature_c": [short(one) for one in message.temperature],
-        "force_kn": [short(units.kn_from_n(one)) for one in message.axial_force],
-        "speed_rpm": [short(units.rpm_from_rad_s(one)) for one in message.spindle_speed],
-        "depth_mm:deviation": [short(units.mm_from_m(one)) for one in message.depth_deviation],
-        "temperature_c:deviation": [short(one) for one in message.temperature_deviation],
+        "time_s": [round(begin_s + value, 3) for value in message.time],
+        "depth_mm": [short(units.mm_from_m(value)) for value in message.depth],
+        "temperature_c": [short(value) for value in message.temperature],
+        "force_kn": [short(units.kn_from_n(value)) for value in message.axial_force],
+        "speed_rpm": [short(units.rpm_from_rad_s(value)) for value in message.spindle_speed],
+        "depth_mm:deviation": [short(units.mm_from_m(value)) for value in message.depth_deviation],
+        "temperature_c:deviation": [short(value) for value in message.temperature_deviation],
     }
 
 

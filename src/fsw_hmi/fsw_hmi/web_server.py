@@ -17,14 +17,16 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from fsw_control.schema.files import read_private
 from fsw_hmi.gate import Gate
 from fsw_hmi.security import Security, is_loopback
 from fsw_hmi.web import LivePage
 
-#: names of this computer for itself
-LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
+#: addresses and names of this computer for itself
+LOCAL_ADDRESSES = ["127.0.0.1", "::1"]
+LOCAL_HOSTS = ("localhost", *LOCAL_ADDRESSES)
 #: longest frame that a page may send
 MAX_FRAME_BYTES = 4096
 #: What the kernel keeps for a client that does not read, so that the server notices soon.
@@ -32,8 +34,8 @@ _SEND_BUFFER_BYTES = 65536
 #: connections that wait in the kernel, all of which the loop accepts at once: a flood of new ones
 #: must not delay a safe stop (measured: 1.0 s with uvicorn's 2048, 0.11 s with this)
 _BACKLOG = 32
-#: for the end of the server's thread
-_PATIENCE_S = 5.0
+#: after which a page that takes nothing is given up (chosen), and for the end of the server's thread
+_PATIENCE_S, _END_S = 10.0, 5.0
 
 
 class Listening(socket.socket):
@@ -48,7 +50,7 @@ class Listening(socket.socket):
         return one, peer
 
 
-def listen(host: str, port: int, patience_s: float = 20.0) -> Listening:
+def listen(host: str, port: int, patience_s: float = _PATIENCE_S) -> Listening:
     """Open the listening socket; port 0: any free port.
 
     The kernel drops a connection whose client has taken nothing for ``patience_s``.
@@ -58,27 +60,29 @@ def listen(host: str, port: int, patience_s: float = 20.0) -> Listening:
     ValueError
         When that is not possible; the message says what to do.
     """
-    one: Listening | None = None
+    listening: Listening | None = None
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
-        one = Listening(family, kind, protocol)
-        one.gate = Gate()
-        one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        one.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+        listening = Listening(family, kind, protocol)
+        listening.gate = Gate()
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
         if hasattr(socket, "TCP_USER_TIMEOUT"):
-            one.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * patience_s))
-        one.bind(address)
-        one.listen(_BACKLOG)
+            listening.setsockopt(
+                socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * patience_s)
+            )
+        listening.bind(address)
+        listening.listen(_BACKLOG)
     except OSError as error:
-        if one is not None:
-            one.close()
+        if listening is not None:
+            listening.close()
         raise ValueError(
             f"cannot listen on {host!r} port {port}: {error.strerror}; "
             "give an address of this computer, and a free port (0: any)"
         ) from None
-    return one
+    return listening
 
 
 def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
@@ -127,7 +131,10 @@ def application(routes: Sequence[BaseRoute], hosts: Iterable[str], gate: Gate) -
     bare = [host.strip("[]") for host in (*LOCAL_HOSTS, *hosts) if host and "*" not in host]
     allowed = [f"[{host}]" if ":" in host else host for host in bare]
     packed = GZipMiddleware(Starlette(routes=list(routes)), minimum_size=0)
-    return Security(TrustedHostMiddleware(packed, allowed, www_redirect=False), gate.request)
+    own: Any = TrustedHostMiddleware(packed, allowed, www_redirect=False)  # uvicorn's types differ
+    # a proxy on this computer names the browser's address (X-Forwarded-For)
+    proxied: Any = ProxyHeadersMiddleware(own, LOCAL_ADDRESSES)
+    return Security(proxied, gate.request)
 
 
 class _Server(uvicorn.Server):
@@ -206,7 +213,7 @@ class WebThread:
         """Close all pages and end."""
         self.call(self._page.end)
         self._server.should_exit = True
-        self._thread.join(_PATIENCE_S)
+        self._thread.join(_END_S)
 
     def _run(self) -> None:
         with asyncio.Runner(loop_factory=lambda: self._loop) as runner:

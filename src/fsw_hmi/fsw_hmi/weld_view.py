@@ -74,7 +74,7 @@ class WeldView:
         self._samples.setdefault(stamp_ns, {}).setdefault(sensor, value)
         if len(self._samples) > _PENDING:
             newest_ns = self.newest_ns or 0
-            del self._samples[max(self._samples, key=lambda one: abs(one - newest_ns))]
+            del self._samples[max(self._samples, key=lambda key_ns: abs(key_ns - newest_ns))]
         return self._close_if_complete()
 
     def on_command(self, stamp_ns: int, command: Command, now_s: float) -> None:
@@ -94,7 +94,7 @@ class WeldView:
         (stamp_ns, acting), self._open = self._open, None
         samples = self._samples.pop(stamp_ns, {})
         self._awaited = {*REQUIRED, *samples}
-        for old_ns in [one for one in self._samples if one < stamp_ns]:
+        for old_ns in [key_ns for key_ns in self._samples if key_ns < stamp_ns]:
             del self._samples[old_ns]
         torque_nm = samples.get("torque", nan)
         reference = self._reference_at(stamp_ns) or Reference(nan, nan)

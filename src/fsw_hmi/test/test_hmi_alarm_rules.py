@@ -9,7 +9,7 @@ from fsw_control.depth_channels import ChannelHealth
 from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import NO_REASON, AlarmRules, Part, Situation
-from fsw_hmi.alarm_texts import TEXTS, alarm_id, flood
+from fsw_hmi.alarm_texts import TEXTS, flood
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
 from fsw_hmi.awake import Awake
 from fsw_hmi.frames import readable
@@ -31,7 +31,7 @@ SETTINGS = defaults(HmiParameters)
 
 @pytest.fixture
 def rules():
-    return AlarmRules(SETTINGS.__getitem__, default())
+    return AlarmRules(SETTINGS.__getitem__)
 
 
 def test_every_alarm_has_one_cause_one_consequence_and_one_action():
@@ -368,17 +368,18 @@ def test_one_look_after_a_stall_of_the_page_is_no_alarm(rules):
     assert alarms.entries == {}
 
 
-def test_value_must_be_back_by_a_margin_and_both_must_last(rules):
-    def one(off_mm):
-        return rules.present(situation({"depth_mm": 2.66 + off_mm}), 0.0).get(
-            "quality:depth_error_mm"
-        )
-
-    assert one(0.09) is None
-    assert (one(-0.11).on_s, one(-0.11).off_s) == (2.0, 2.0)
-    assert one(-0.09) is not None  # inside, but not by the margin
-    assert one(-0.07) is None
-    assert one(0.09) is None
+@pytest.mark.parametrize(
+    ("values", "name", "lasts_s"),
+    [
+        ({"depth_mm": 2.55}, "quality:depth_error_mm", 2.0),
+        ({"temperature_c": 815.0}, "quality:temperature_error_c", 10.0),
+        ({"depth_mm": 1.3}, "essential:depth_mm", 2.0),  # and off its set-point, which is less
+        ({"force_kn": 60.0}, "deviation:force_kn", 10.0),
+    ],
+)
+def test_value_outside_and_its_return_must_last(rules, values, name, lasts_s):
+    found = rules.present(situation(values), 0.0)
+    assert {key: (one.on_s, one.off_s) for key, one in found.items()} == {name: (lasts_s, lasts_s)}
 
 
 SILENT = {"fsw_supervisor": {"arbiter": Part("stale", "")}}
@@ -483,14 +484,14 @@ def test_whether_commands_reach_the_machine_is_told(rules):
     assert ended["ok"] is None and ended["text"] == reach(command_age_s=None)["text"]
 
 
-def test_the_process_window_is_told_as_it_is_in_force():
+def test_the_process_window_is_told_as_it_is_in_force(rules):
     narrow = Limit(
         variable="temperature_c", min=805.0, max=870.0, phases=("joint_line",), source="test"
     )
-    rules = AlarmRules(SETTINGS.__getitem__, default().model_copy(update={"quality": (narrow,)}))
+    book = default().model_copy(update={"quality": (narrow,)})
     values = {"temperature_c": 871.0, "reference_temperature_c": 850.0}
     for phase, is_there in (("", True), ("joint_line", True), ("dwell", False)):
-        found = rules.present(situation(values, phase=phase), 0.0)
+        found = rules.present(situation(values, phase, book), 0.0)
         assert list(found) == ["quality:temperature_c"] * is_there
         assert [one.text for one in found.values()] == [
             "Temperature: outside 805 to 870 °C"
@@ -507,6 +508,7 @@ def test_a_controller_that_tells_no_reason_is_told_as_such(rules):
     "name", ["näme", "a" * 300, "tab\there", "\udcff\ud800", "", "{why}", "x:warn:trip", "\n"]
 )
 def test_odd_names_become_alarms_that_can_be_acknowledged(rules, name):
+    name = readable(name)
     odd = state(
         **dict.fromkeys(("reason", "actual_controller"), name),
         interlocks=[lock(name, "trip")],
@@ -515,7 +517,6 @@ def test_odd_names_become_alarms_that_can_be_acknowledged(rules, name):
     found = rules.present(situation(state=odd, parts={name: {name: Part("error", name)}}), 0.0)
     assert len(found) >= 3
     Acknowledge(ids=tuple(found))
-    assert alarm_id("part", name) != alarm_id("part", f"{name}ü")
 
 
 @pytest.mark.parametrize(
@@ -551,7 +552,6 @@ def test_set_point_out_of_reach_is_told_with_what_is_attainable(rules):
     assert (one.cause, one.advice.split()[0]) == ("upper_bound", "Lower")
     assert "850 °C" in one.why and "835 °C" in one.why
     assert rules.replaced == Reference(2.66, 835.2)
-    assert told(2.66, 849.6) is not None, "it must come back further"
     assert told(2.66, 849.8) is None and rules.replaced is None
     other = told(2.60, 852.0)
     assert (other.cause, other.advice.split()[0]) == ("lower_bound", "Raise")

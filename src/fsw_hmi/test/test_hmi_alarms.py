@@ -150,20 +150,6 @@ def test_cause_must_last_and_be_gone_for_the_delays_of_its_alarm(desk):
     assert desk.states() == {"a": "cleared"}
 
 
-def test_alarm_that_chatters_stays_until_it_is_calm_for_a_minute(desk):
-    for now_s in (0.0, 10.0, 20.0):
-        desk.update(now_s, a=MEDIUM)
-        desk.acknowledge("a")
-        desk.update(now_s + 3.0)
-        desk.update(now_s + 6.0)
-    assert (desk.row("a")["chatters"], desk.row("a")["state"]) == (True, "acknowledged")
-    desk.update(30.0, a=MEDIUM)
-    desk.update(40.0)
-    assert [event for _, event, _, _ in desk.told()].count("raised") == 3
-    desk.update(100.0)
-    assert desk.rows() == []
-
-
 def test_alarm_of_high_priority_is_told_each_time(desk):
     for now_s in range(0, 50, 10):
         desk.update(now_s, a=HIGH)

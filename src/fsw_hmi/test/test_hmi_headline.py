@@ -41,7 +41,7 @@ def now(**changed: Any) -> Now:
         ({"programme": "done"}, "good", "Weld done: Good"),
         ({"programme": "done", "state": AUTO | {"known": False}}, "medium", "No supervisor"),
         ({"tick_age_s": 0.6, "alarms": [alarm("high")]}, "high", "No measurements"),
-        ({"alarms": [alarm("high", "acknowledged"), alarm("medium")]}, "medium", "medium one"),
+        ({"alarms": [alarm("medium"), alarm("high", "acknowledged")]}, "medium", "medium one"),
         ({"alarms": [alarm("medium", "acknowledged")]}, "medium", "medium one"),
         ({"alarms": [alarm("medium")], "flags": {"depth_mm": FLAG}}, "medium", "medium one"),
         ({"alarms": [alarm("medium", "shelved"), alarm("high", "cleared")]}, "good", "Good"),

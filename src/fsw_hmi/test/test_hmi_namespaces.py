@@ -23,7 +23,7 @@ def test_each_page_shows_the_fault_of_its_own_weld_alone(domain_id):
         for node in nodes:
             graph.executor.add_node(node)
         publishers = {cell: DiagnosticsPublisher(node) for cell, node in supervisors.items()}
-        watches = {cell: Watch(node, *[lambda *_: None] * 4) for cell, node in pages.items()}
+        watches = {cell: Watch(node, *[lambda *_: None] * 2) for cell, node in pages.items()}
 
         def told():
             for cell, line in WELDS.items():

@@ -32,6 +32,7 @@ from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS
+from fsw_hmi.gate import Gate
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import limits, reference
 from fsw_hmi.security import Security
@@ -145,7 +146,10 @@ class FakeHmi:
         )
         self._server = uvicorn.Server(
             uvicorn.Config(
-                Security(app), port=self.port, log_level="warning", ws="websockets-sansio"
+                Security(app, Gate().request),
+                port=self.port,
+                log_level="warning",
+                ws="websockets-sansio",
             )
         )
         self._thread = threading.Thread(target=self._server.run, daemon=True)
@@ -533,7 +537,7 @@ def _alarm(
         "advice": "Check the sensor, then swap the controller or stop",
         "action": "check_sensor",
         "cause": "",
-        **{"chatters": False, "first_out": False, "first": "", "raised_s": raised_s},
+        **{"first_out": False, "first": "", "raised_s": raised_s},
         "first_s": raised_s - 100.0,
         **{"shelved": "anna: it is being replaced", "shelved_until_s": None},
         **changed,

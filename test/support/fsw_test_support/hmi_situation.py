@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fsw_analysis.rule_book import RuleBook, default
 from fsw_control.cause import Cause
+from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import Part, Situation
-from fsw_hmi.standing import variables
+from fsw_hmi.limits import DEVIATIONS, limits
+from fsw_hmi.parameters import HmiParameters
+from fsw_hmi.standing import flags_now
 from fsw_scenario.procedure_watch import ProcedureWatch
 from fsw_test_support.judged_weld import short_procedure
 
@@ -71,8 +75,13 @@ def state(**changed: Any) -> dict[str, Any]:
     return usual | changed
 
 
-def situation(values: Mapping[str, float] | None = None, **changed: Any) -> Situation:
-    """What the rules look at."""
+def situation(
+    values: Mapping[str, float] | None = None,
+    phase: str = "",
+    book: RuleBook | None = None,
+    **changed: Any,
+) -> Situation:
+    """What the rules look at; values are judged by ``book``, else by the default rules."""
     usual: dict[str, Any] = {
         "state": state(),
         "state_age_s": 0.1,
@@ -80,7 +89,9 @@ def situation(values: Mapping[str, float] | None = None, **changed: Any) -> Situ
         "command_age_s": 0.05,
     }
     usual |= {"sample_age_s": {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}}
-    changed["values"] = variables(changed.get("values", GOOD | dict(values or {})))
+    now, book = changed.setdefault("values", GOOD | dict(values or {})), book or default()
+    own = limits({}, book, {name: defaults(HmiParameters)[name] for name in DEVIATIONS})
+    changed["flags"] = flags_now(now, {"phase": phase}, book, own)
     return Situation(**usual | changed)
 
 

@@ -229,7 +229,7 @@ STAGED = {
 
 def page_of(staged: Staged) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """Rows of the alarms and the headline, as the page's server makes them after the last moment."""
-    rules = AlarmRules(defaults(HmiParameters).__getitem__, default())
+    rules = AlarmRules(defaults(HmiParameters).__getitem__)
     alarms, now_s = AlarmList(flood), 0.0
     for moment in (situation(), *staged.moments):
         end_s = now_s + _LASTS_S

@@ -92,13 +92,13 @@ export class Alarms {
 }
 
 /** When, how urgent, how it stands, what it had to do with a trip. @param {Alarm} alarm @param {boolean} open */
-function detail({ priority, state, count, chatters, first_out: firstOut, first, first_s: firstS, text, raised_s: raised, shelved, shelved_until_s: until }, open) {
+function detail({ priority, state, count, first_out: firstOut, first, first_s: firstS, text, raised_s: raised, shelved, shelved_until_s: until }, open) {
   if (state === "cleared" && !open) return [clock(raised), firstOut && "first out"].filter(Boolean).join(" · ");
   const parts = [count > 1 ? `${clock(firstS)} – ${clock(raised)}` : clock(raised), priority];
   if (state === "shelved") parts.push(`shelved until ${clock(until)}`, ...(open ? [shelved] : []));
   else if (state !== "active") parts.push(state === "cleared" ? "gone" : state);
   if (count > 1) parts.push(`${count} times`);
-  parts.push(chatters ? "comes and goes" : "", firstOut ? "first out" : "");
+  parts.push(firstOut ? "first out" : "");
   if (first && first !== text) parts.push(`first: ${first}`);
   return parts.filter(Boolean).join(" · ");
 }
