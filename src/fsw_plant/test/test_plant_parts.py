@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from fsw_control import Command, Limits
 from fsw_control.command_gate import REASONS, CommandGate
 from fsw_control.parameters import defaults
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_model.c_code import WRITER
 from fsw_model.equations import numbers_of
 from fsw_plant import PlantConfig, PlantEmulator, kernel_codegen
@@ -18,7 +19,7 @@ from fsw_plant.events import Disturbance, Fault, Sample
 from fsw_plant.library import KERNEL, model_of
 from fsw_plant.lockstep import Lockstep
 from fsw_plant.parameters import PlantParameters
-from fsw_plant.sensors import Draws, Noise
+from fsw_plant.sensors import Draws, Noise, sensors_of
 from fsw_plant.tick_stamps import JUMP_NS, NUDGE_NS, TickStamps
 from fsw_plant.watchdog import Watchdog, WatchdogState
 
@@ -503,3 +504,8 @@ def test_history_of_another_dead_time(oldest):
 
     assert refitted(30) == [history[0]] * 2 + history
     assert refitted(27) == history[1:]
+
+
+def test_a_further_row_of_the_table_is_a_sensor_of_the_plant(monkeypatch):
+    monkeypatch.setitem(SENSORS, "second", SENSORS["thermocouple"])
+    assert sensors_of(PlantConfig.from_values({})) == (*REQUIRED, "second")
