@@ -15,6 +15,7 @@ import sys
 import tokenize
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 WORKSPACE = Path(__file__).resolve().parents[1]
@@ -71,6 +72,7 @@ def code_lines(text: str, language: str = "Python") -> int:
     return len(_python_lines(text))
 
 
+@cache
 def _python_lines(text: str) -> set[int]:
     """Numbers of the lines with code."""
     lines: set[int] = set()

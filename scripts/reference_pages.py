@@ -10,15 +10,14 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from python_pages import python_api
-
+import fsw
 from fsw.demo import parser as demo_parser
 from fsw.main import parser as operator_parser
 from fsw.schema_command import GROUP, kinds, schema_text
 from fsw_analysis import report
 from fsw_analysis.procedure import Procedure
 from fsw_control.parameters import NodeParameters, ParameterSpec, describe
-from fsw_control.schema.extensions import loaded
+from fsw_control.schema.extensions import extensions, loaded
 from fsw_control.schema.models import Model, descriptions, json_schema
 from fsw_control.schema.ranges import Range
 from fsw_hmi.main import parser as hmi_parser
@@ -34,7 +33,32 @@ from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
 from fsw_scenario.weld_programme_file import LIMITS
 
 WORKSPACE = Path(__file__).resolve().parent.parent
-LONGEST_PAGE = 1400  # words; also of the pages that are not made here
+#: page of what is public in Python, by package
+API_PAGES = {
+    "fsw": "fsw",
+    "fsw_analysis": "fsw",
+    "fsw_control": "contract",
+    "fsw_scenario": "contract",
+    "fsw_lab": "more",
+    "fsw_quality": "more",
+}
+
+
+def python_api() -> dict[str, str]:
+    """Pages on `import fsw` whose text mkdocstrings makes from the docstrings, one per module."""
+    places = dict(fsw.MODULE_OF)
+    places |= {name: entry.module for name, entry in extensions("fsw.api").items()}
+    modules: dict[str, list[str]] = {}
+    for name, module in sorted(places.items()):
+        modules.setdefault(API_PAGES[module.partition(".")[0]], []).append(f"{module}.{name}")
+    return {
+        f"python-{key}": page(title, *(f"::: {name}\n" for name in modules[key]))
+        for key, title in (
+            ("fsw", "Python: weld, compare, model"),
+            ("contract", "Python: contracts of controllers and plants"),
+            ("more", "Python: identify, tune, export, record"),
+        )
+    }
 
 
 def parameter_table(specs: dict[str, ParameterSpec]) -> list[str]:
@@ -66,27 +90,6 @@ def page(title: str, *lines: str) -> str:
     return "\n".join([f"# {title}", "", *lines, ""])
 
 
-def split(specs: dict[str, ParameterSpec]) -> dict[str, dict[str, ParameterSpec]]:
-    """Parameters by page, each named by its first group; those without a group come first."""
-    groups: dict[str, dict[str, ParameterSpec]] = {}
-    for name, spec in specs.items():
-        groups.setdefault(name.partition(".")[0] if "." in name else "", {})[name] = spec
-    pages: dict[str, dict[str, ParameterSpec]] = {}
-    for group in sorted(groups, key=bool):
-        joined = {**(list(pages.values())[-1] if pages else {}), **groups[group]}
-        if pages and words_in("\n".join(parameter_table(joined))) < LONGEST_PAGE - 100:
-            pages[list(pages)[-1]] = joined
-        else:
-            pages[group] = groups[group]
-    return pages
-
-
-def words_in(text: str) -> int:
-    """Words of a page, without the bars of tables, the formulas and the diagrams."""
-    text = re.sub(r"\$\$.*?\$\$|```mermaid.*?```", "", text, flags=re.DOTALL)
-    return sum(any(map(str.isalnum, word)) for word in text.split())
-
-
 def node_parameters() -> dict[str, type[NodeParameters]]:
     """Models of the nodes' parameters, by the name of their schema and page."""
     models = {name: loaded(GROUP, name) for name in kinds()}
@@ -95,70 +98,41 @@ def node_parameters() -> dict[str, type[NodeParameters]]:
 
 def parameters() -> dict[str, str]:
     """Pages for the parameters of each node and the NMPC's tuning file, and a page that lists them."""
-    pages, rows = {}, []
+    pages, rows = {"parameters-tuning": tuning_file()}, []
     for name, model in node_parameters().items():
         specs, about = describe(model), " ".join((model.__doc__ or "").split()).replace("``", "`")
         heading, package = about.partition(".")[0], model.__module__.partition(".")[0]
-        parts = {
-            f"{name}-{group}" if i else name: part
-            for i, (group, part) in enumerate(split(specs).items())
-        }
-        links = ", ".join(
-            f"[{'others' if other == name else other.rpartition('-')[2]}]({other}.md)"
-            for other in parts
-        )
-        more = [f"On several pages: {links}.", ""] if len(parts) > 1 else []
-        for own, part in parts.items():
-            intro = [
-                about,
-                "",
-                f"JSON Schema: [{name}.schema.json]({name}.schema.json).",
-                "",
-                *more,
-            ]
-            pages[own] = page(heading, *intro, *parameter_table(part))
+        schema = f"JSON Schema: [{name}.schema.json]({name}.schema.json)."
+        pages[name] = page(heading, about, "", schema, "", *parameter_table(specs))
         rows.append((f"[{heading}]({name}.md)", f"`{package}`", len(specs)))
-    pages |= tuning_file()
-    return pages | {
-        "parameters": page(
-            "Parameters",
-            "One model per node has type, default, range, unit and meaning; `ros2 param describe` shows the same.",
-            "Every controller node has the parameters of [every controller node](parameters-controller.md) and its "
-            "own. The file that the NMPC's parameter `tuning_file` names has "
-            "[fields of its own](parameters-tuning.md).",
-            "",
-            *table(("of", "package", "parameters"), rows),
-        )
-    }
+    pages["parameters"] = page(
+        "Parameters",
+        "One model per node has type, default, range, unit and meaning; `ros2 param describe` shows the same.",
+        "Every controller node has the parameters of [every controller node](parameters-controller.md) and its "
+        "own. The file that the NMPC's parameter `tuning_file` names has "
+        "[fields of its own](parameters-tuning.md).",
+        "",
+        *table(("of", "package", "parameters"), rows),
+    )
+    return pages
 
 
-def tuning_file() -> dict[str, str]:
-    """Fields of the NMPC's tuning file: trajectories and cost; estimator and what is used of its estimates."""
+def tuning_file() -> str:
+    """Fields of the NMPC's tuning file: trajectories, cost, estimator and what is used of its estimates."""
     presets = [Tuning.preset(name, nominal()) for name in ("default", "paper")]
 
     def rows(model: type[Model], place: str = "") -> Iterator[tuple[object, ...]]:
         for name, text in meanings(model).items():
             values = [attrgetter(place + name)(preset) for preset in presets]
             if not isinstance(values[0], Model):
-                yield (
-                    f"`{place}{name}`",
-                    *(f"{v:.6g}" if isinstance(v, float) else v for v in values),
-                    text,
-                )
+                shown = (f"{v:.6g}" if isinstance(v, float) else v for v in values)
+                yield f"`{place}{name}`", *shown, text
 
-    header, name = ("field", "`default`", "`paper`", "meaning"), "parameters-tuning"
-    own = (*rows(Tuning), *rows(ApproachTuning, "approach."))
-    intro = "Fields of the file that the parameter `tuning_file` names"
-    more, back = f"[Those of the estimator]({name}-estimator.md).", f"[The others]({name}.md)."
-    return {
-        name: page("Tuning file of the NMPC", f"{intro}. {more}", "", *table(header, own)),
-        f"{name}-estimator": page(
-            "Tuning file of the NMPC: estimator",
-            f"{intro}: those of the estimator. {back}",
-            "",
-            *table(header, rows(EstimatorTuning, "estimator.")),
-        ),
-    }
+    parts = (Tuning, ""), (ApproachTuning, "approach."), (EstimatorTuning, "estimator.")
+    fields = [row for model, place in parts for row in rows(model, place)]
+    intro = "Fields of the file that the parameter `tuning_file` names."
+    lines = table(("field", "`default`", "`paper`", "meaning"), fields)
+    return page("Tuning file of the NMPC", intro, "", *lines)
 
 
 def meanings(model: type[Model]) -> dict[str, str]:
@@ -171,49 +145,13 @@ def meanings(model: type[Model]) -> dict[str, str]:
 
 
 def messages() -> dict[str, str]:
-    """Pages of the definitions: messages of control, of state, of operation and quality, services, actions."""
-    folder = WORKSPACE / "src/fsw_msgs"
-    watching = (
-        "AlarmEvent",
-        "OperatorAction",
-        "WeldEstimate",
-        "WeldFinding",
-        "WeldHealth",
-        "WeldKpi",
-        "WeldProgress",
-    )
-    state = ("ControllerHealth", "ControllerStatus", "Interlock", "Reason", "SupervisorState")
-    control = [
-        path
-        for path in sorted((folder / "msg").glob("*.msg"))
-        if path.stem not in (*watching, *state)
-    ]
-    groups = {
-        "messages": ("Messages of control", control),
-        "messages-state": (
-            "Messages of state, and reasons",
-            [folder / "msg" / f"{name}.msg" for name in state],
-        ),
-        "messages-watch": (
-            "Messages of operation and quality",
-            [folder / "msg" / f"{name}.msg" for name in watching],
-        ),
-        "services": ("Services", sorted((folder / "srv").glob("*.srv"))),
-        "actions": ("Actions", sorted((folder / "action").glob("*.action"))),
-    }
+    """Pages of the definitions of messages, services and actions."""
     pages = {}
-    for name, (heading, paths) in groups.items():
+    for kind, heading in (("msg", "Messages"), ("srv", "Services"), ("action", "Actions")):
         lines = ["Definitions in `fsw_msgs`, with their comments. Units are SI."]
-        for path in paths:
-            lines += [
-                "",
-                f"## {path.stem}",
-                "",
-                "```",
-                path.read_text(encoding="utf-8").strip(),
-                "```",
-            ]
-        pages[name] = page(heading, *lines)
+        for path in sorted((WORKSPACE / "src/fsw_msgs" / kind).glob("*")):
+            lines += ["", f"## {path.stem}", "", "```", path.read_text("utf-8").strip(), "```"]
+        pages[heading.lower()] = page(heading, *lines)
     return pages
 
 
@@ -281,7 +219,7 @@ def allowed(value: dict[str, Any]) -> str:
 
 
 def scenarios() -> dict[str, str]:
-    """A page of the keys and ranges of scenario files, and one of the shipped scenarios."""
+    """A page of the keys and ranges of scenario files, and of the shipped scenarios."""
     loaded = [scenario_file.load(name) for name in scenario_file.shipped()]
     shipped = [
         (f"`{one.name}`", f"{one.duration_s:g}", " ".join(one.description.split()))
@@ -298,16 +236,14 @@ def scenarios() -> dict[str, str]:
         "",
         f"Largest change of a set-point in a phase: {changes}. The arc of a path is on a diameter of "
         f"{CANISTER_DIAMETER_MM:g} mm.",
+        "",
+        "## Shipped scenarios",
+        "",
+        "They are in `src/fsw_scenario/fsw_scenario/scenarios`; commands take them by name.",
+        "",
+        *table(("name", "duration [s]", "what it shows"), shipped),
     ]
-    return {
-        "scenarios": page("Scenario files", *lines),
-        "scenarios-shipped": page(
-            "Shipped scenarios",
-            "They are in `src/fsw_scenario/fsw_scenario/scenarios`; commands take them by name.",
-            "",
-            *table(("name", "duration [s]", "what it shows"), shipped),
-        ),
-    }
+    return {"scenarios": page("Scenario files", *lines)}
 
 
 def procedures() -> dict[str, str]:
@@ -343,56 +279,20 @@ def evidence() -> dict[str, str]:
         "## List of trusted keys",
         *model_tables(KeyList, "###"),
         "",
-        "Codes of findings: [a page of their own](evidence-codes.md).",
+        "## Codes of findings",
+        "",
+        *table(("code", "words"), [(f"`{code}`", code.words) for code in (*Code, *Unchecked)]),
     ]
-    codes = table(("code", "words"), [(f"`{code}`", code.words) for code in (*Code, *Unchecked)])
-    return {
-        "evidence": page("Evidence files", *lines),
-        "evidence-codes": page("Codes of findings", "Each with its words.", "", *codes),
-    }
+    return {"evidence": page("Evidence files", *lines)}
 
 
-def command_line() -> dict[str, str]:
-    """All commands with their arguments: pages of the verbs for a running weld, its nodes, bags, and of the rest."""
+def command_line() -> str:
+    """A page of all commands with their arguments."""
     verbs = next(
         one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)
     ).choices
-    nodes = ("param", "lifecycle", "hmi")
-    running = (
-        "status",
-        "reference",
-        "disturb",
-        "fault",
-        "switch",
-        "controllers",
-        "mode",
-        "acknowledge",
-        "weld",
-    )
-    running = (*running, "commission")
-    quality = ("footprint", "procedure", "record", "monitor", "history")
-    whole = ("demo", "node", "completion", "schema")
-    studies = tuple(set(verbs) - {*running, *nodes, *quality, *whole, "bag"})
-    groups = {
-        "command-line-weld": ("Command line: a running weld", running),
-        "command-line-nodes": ("Command line: nodes and the page", nodes),
-        "command-line-studies": ("Command line: simulate, study, export", studies),
-        "command-line-quality": ("Command line: procedures, records, monitoring", quality),
-        "command-line-demo": ("Command line: demonstration, nodes, completion, schemas", whole),
-        "command-line-bags": ("Command line: bags", ("bag",)),
-    }
-    pages, lines = {}, []
-    for name, (title, members) in groups.items():
-        lines.append(
-            f"- [{title.partition(': ')[2]}]({name}.md): {', '.join(f'`{verb}`' for verb in sorted(members))}"
-        )
-        pages[name] = page(
-            title, *(line for verb in verbs if verb in members for line in command(verbs[verb]))
-        )
-    overview = [
-        "`scripts/fsw.py` has a verb for everything; installed as a package, the command is `fsw`:",
-        "",
-        *lines,
+    lines = [
+        "`scripts/fsw.py` has a verb for everything; installed as a package, the command is `fsw`.",
         "",
         "Exit codes: 0 done, 1 not possible or a wrong value (one line says why), 2 an unknown or missing command or "
         "option, 130 interrupted; others are with their command. `--out` is where results are written, and results that exist are replaced only "
@@ -400,10 +300,12 @@ def command_line() -> dict[str, str]:
         "",
         "Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`; `--help` "
         "lists their parameters.",
+        "",
+        *(line for verb in verbs.values() for line in command(verb)),
     ]
     for parser, script in ((demo_parser(), "demo.py"), (hmi_parser(), "run_hmi.py")):
-        overview += ["", f"## scripts/{script}", "", sentence(parser), *arguments(parser)]
-    return pages | {"command-line": page("Command line", *overview)}
+        lines += ["", f"## scripts/{script}", "", sentence(parser), *arguments(parser)]
+    return page("Command line", *lines)
 
 
 def sentence(parser: argparse.ArgumentParser) -> str:
@@ -456,13 +358,13 @@ def argument(action: argparse.Action) -> str:
 def reference() -> dict[str, str]:
     """All files, by name."""
     pages = {
-        **python_api(page),
+        **python_api(),
         **parameters(),
         **messages(),
         **scenarios(),
         **procedures(),
         **evidence(),
-        **command_line(),
+        "command-line": command_line(),
     }
     schemas = {f"{name}.schema.json": schema_text(name) for name in kinds()}
     return {f"{name}.md": text for name, text in pages.items()} | schemas

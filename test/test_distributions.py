@@ -1,7 +1,6 @@
 """Three distributions, one direction: the core knows nothing of quality and lab, which register what they add."""
 
 import ast
-import importlib
 import re
 import tomllib
 from collections.abc import Iterator
@@ -181,10 +180,3 @@ def test_each_extra_is_declared_by_its_distribution_and_has_a_lock_for_clones() 
     assert [
         name for _, name in known if not (WORKSPACE / "requirements" / f"{name}.lock").is_file()
     ] == []
-
-
-def test_the_drawing_has_the_packages_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(WORKSPACE / "scripts"))
-    drawn = importlib.import_module("draw_distributions")
-    assert drawn.FIGURE.read_text("utf-8") == drawn.drawing()
-    assert packages("src") | packages("quality") <= {*re.findall(r">(fsw\w*)<", drawn.drawing())}

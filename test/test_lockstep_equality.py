@@ -71,11 +71,11 @@ events:
   - {at_deg: 3.0, switch: nmpc}  # on the joint line, and back
   - {at_deg: 4.0, switch: decentral}
 """
-#: with the heat of a profile; the dwell ends early, in its ramp: the plan, the set-points and the
-#: disturbance move
+#: with the heat of a profile; the dwell ends early, in its ramp: the plan and the set-points move
 KNOWN = """
 name: short_weld_with_known_heat
 controller: nmpc
+announced: true
 plant:
   seed: 8
   process: canister
@@ -83,9 +83,10 @@ plant:
   canister: {lid_mm: 0.0, probe_radius_mm: 25.0, shoulder_share: 0.2, element_mm: 12.5, modes: 53}
 phases:
   - {name: dwell, duration_s: 60.0, until_c: 803.0, set_points: [{temperature_c: 804.4, over_s: 25.0}]}
-  - {name: start, to_deg: 2.0, length_mm: 20.0}
+  - {name: start, to_deg: 2.0, length_mm: 20.0, set_points: [{at_s: 1.0, depth_mm: 2.7}]}
 events:
-  - {at_deg: 1.0, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
+  - {at_s: 61.0, disturbance: {channel: torque, shape: ramp, amplitude_nm: 10.0, duration_s: 30.0}}
+  - {at_deg: 0.6, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
 """
 PROFILE = HeatProfile(
     type="short_weld",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from fsw_decentral import library as decentral
+from fsw_decentral import controller as decentral
 from fsw_nmpc import library as nmpc
 
 
@@ -136,7 +136,7 @@ DECENTRAL_INPUTS = (
 )
 DECENTRAL_OUTPUTS = (
     *_COMMAND,
-    Signal("reason", "int", "", _listed(decentral.Reason)),
+    Signal("reason", "int", "", _listed(decentral.Fault)),
     Signal("active_limits", "int", "", _listed(decentral.Limit, " + ")),
     Signal("filtered_depth_mm", "real", "mm", "filtered depth", "depth_mm"),
     Signal("filtered_temperature_c", "real", "degC", "filtered temperature", "temperature_c"),

@@ -11,7 +11,7 @@ from typing import Any
 
 from fsw_control.c_library import CLibrary
 from fsw_decentral import DecentralController
-from fsw_decentral.library import KERNEL as DECENTRAL
+from fsw_decentral.controller import KERNEL as DECENTRAL
 from fsw_export.signals import (
     DECENTRAL_INPUTS,
     DECENTRAL_OUTPUTS,

@@ -13,8 +13,7 @@ from pathlib import Path
 
 from fsw.command import FORCE, FORMAT, command, file, option, switch
 from fsw.console import ProgressBar
-from fsw.errors import CommandError, exit_code
-from fsw.middleware import HOW, middleware_is_here
+from fsw.errors import HOW, CommandError, exit_code, middleware_is_here
 from fsw.outputs import new_folder
 from fsw.simulate_command import write_results
 from fsw.simulation import closed_loop

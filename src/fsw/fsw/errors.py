@@ -9,13 +9,24 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 
-from fsw.middleware import HOW, middleware_is_here
 from fsw_control.free_domain import NoFreeDomainError
 from fsw_control.schema.errors import InputError
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import LaunchError
+
+#: documentation of the installation of ROS 2
+HOW = "see docs/how-to/install.md"
+
+
+def middleware_is_here() -> bool:
+    """Whether rclpy and this project's messages are installed."""
+    return (
+        all(find_spec(name) is not None for name in ("rclpy", "fsw_msgs"))
+        and find_spec("fsw_msgs.msg") is not None
+    )
 
 
 class CommandError(Exception):

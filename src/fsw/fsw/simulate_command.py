@@ -21,9 +21,8 @@ from fsw.command import (
     switch,
 )
 from fsw.console import ProgressBar, print_table
-from fsw.errors import CommandError
+from fsw.errors import HOW, CommandError, middleware_is_here
 from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
-from fsw.middleware import HOW, middleware_is_here
 from fsw.outputs import listed, new_folder
 from fsw.simulation import closed_loop
 from fsw_analysis import kpi, kpi_table, phase_kpi

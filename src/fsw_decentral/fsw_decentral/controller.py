@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from fsw_control import weld
+from fsw_control.c_library import CController, CLibrary
 from fsw_control.contract import Command, Diagnosis, Limits, Measurement, Proposal, Reference
 from fsw_control.parameters import defaults, problem
 from fsw_control.reason import Reason, ReasonCode
 from fsw_decentral.gains import Gains
-from fsw_decentral.library import KERNEL, Limit, check, make
-from fsw_decentral.library import Reason as Fault
 from fsw_decentral.parameters import DecentralParameters
+
+KERNEL = CLibrary("fsw_decentral", Path(__file__).parent / "kernel")
+Fault = KERNEL.enum("fsw_decentral_reason", "FSW_DECENTRAL_")
+Limit = KERNEL.enum("fsw_decentral_limit", "FSW_DECENTRAL_")
+_UNUSABLE = (
+    "limits, friction, spindle_inertia, nominal_torque and blind_limit "
+    "must be finite and in their ranges"
+)
 
 
 class DecentralController:
@@ -48,7 +56,7 @@ class DecentralController:
         self._values = defaults(self.parameters) | dict(values or {})
         try:
             self.gains, self.limits, tuning = _usable(self._values)
-            self.library = make(tuning)
+            self.library = CController(KERNEL, None, _UNUSABLE, tuning)
         except (RuntimeError, OSError) as error:
             raise ValueError(f"decentral: {error}") from None
         self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
@@ -125,5 +133,6 @@ def _usable(values: Mapping[str, Any]) -> tuple[Gains, Limits, Any]:
         nominal_torque_nm=values["nominal_torque"],
         blind_limit_s=values["blind_limit"],
     )
-    check(tuning)
+    if not KERNEL.lib.fsw_decentral_is_usable(tuning):
+        raise ValueError(_UNUSABLE)
     return gains, limits, tuning

@@ -1,18 +1,12 @@
 """The decentralized controller as a node."""
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Sequence
+from functools import partial
 
 from fsw_control import run_controller
-from fsw_decentral.controller import DecentralController
+from fsw_decentral import DecentralController
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node; returns the exit code."""
-    return run_controller(DecentralController, args=args)
-
+main = partial(run_controller, DecentralController)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -13,7 +13,7 @@ from fsw_control.reason import ReasonCode
 from fsw_control.units import KW_PER_NM_RPM
 from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C, TICK_S
 from fsw_decentral import DecentralController, Gains, tunings
-from fsw_decentral.library import KERNEL
+from fsw_decentral.controller import KERNEL
 from fsw_model import ProcessModel
 
 NOMINAL = Command(FORCE_KN, SPEED_RPM)

@@ -2,11 +2,13 @@
 
 import shutil
 import subprocess
+from functools import partial
 
 import pytest
 
+from fsw_control.c_library import CController
 from fsw_decentral import DecentralController
-from fsw_decentral.library import KERNEL, make
+from fsw_decentral.controller import KERNEL
 from fsw_test_support.c_code import SANITIZE, STRICT, check_layout, compile_c, has_sanitizers
 
 DRIVER = r"""
@@ -127,14 +129,14 @@ def copy_of(tuning):
 
 def test_a_tuning_that_is_not_usable_is_refused_and_the_last_one_stays():
     good = copy_of(DecentralController().library.state.tuning)
-    library, before = make(good), bytes(KERNEL.ffi.buffer(good))
+    library, before = DecentralController().library, bytes(KERNEL.ffi.buffer(good))
     for field, _ in KERNEL.ffi.typeof("fsw_decentral_tuning").fields:
         bad = copy_of(good[0])
         if field == "friction":
             bad.friction[2] = float("nan")
         else:
             setattr(bad, field, float("inf"))
-        for take in (library.configure, make):
+        for take in (library.configure, partial(CController, KERNEL, None, "be finite")):
             with pytest.raises(ValueError, match="be finite"):
                 take(bad)
         assert bytes(KERNEL.ffi.buffer(library.state))[: len(before)] == before, field

@@ -1,9 +1,7 @@
 """Process model of friction stir welding of copper canisters, the paper's (5)-(27)."""
 
-from fsw_model.covariance import ParameterCovariance
 from fsw_model.equations import STEP_S
-from fsw_model.machine_data import MachineData
-from fsw_model.parameters import ModelParameters, nominal
+from fsw_model.parameters import MachineData, ModelParameters, ParameterCovariance, nominal
 from fsw_model.process import (
     Equilibrium,
     Linearisation,

@@ -1,4 +1,4 @@
-"""Parameters of the process model: value, origin and range of each, and parameter files."""
+"""Parameters of the process model, their covariance, and a machine's noise and rates; files of each."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from functools import cache
 from math import nan
 from typing import Annotated
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
 from fsw_control.schema.models import Parameters, problem
@@ -105,3 +107,78 @@ class ModelParameters(Parameters):
 def nominal() -> ModelParameters:
     """The nominal parameters: those of the paper, and the chosen ones."""
     return ModelParameters()
+
+
+class ParameterCovariance(Parameters):
+    """Covariance of the relative errors of identified parameters."""
+
+    what = "covariance"
+    example = "parameters: [dead_time_s], covariance: [[0.0001]]"
+
+    parameters: list[str] = Field(default=[], description="names of the identified parameters")
+    covariance: list[list[float]] = Field(
+        default=[], description="of their relative errors, row by row"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> ParameterCovariance:
+        n = len(self.parameters)
+        if unknown := [
+            name for name in self.parameters if name not in ModelParameters.model_fields
+        ]:
+            raise problem(f"the model has no {', '.join(unknown)}", "parameters")
+        if len(self.covariance) != n or any(len(row) != n for row in self.covariance):
+            raise problem(
+                f"must have {n} rows of {n} numbers, as there are parameters", "covariance"
+            )
+        matrix = self.matrix
+        if n and not (np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix).min() > 0.0):
+            raise problem("is no covariance: not symmetric and positive", "covariance")
+        return self
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """The covariance, shape (n, n)."""
+        return np.array(self.covariance, dtype=np.float64).reshape(len(self.parameters), -1)
+
+    @property
+    def text(self) -> str:
+        """YAML that :meth:`from_file` reads."""
+        rows = "".join(
+            f"  - [{', '.join(f'{float(value):.9e}' for value in row)}]\n"
+            for row in self.covariance
+        )
+        names = ", ".join(self.parameters)
+        title = "# Covariance of the relative errors of identified parameters."
+        return f"{title}\nparameters: [{names}]\ncovariance:\n{rows}"
+
+
+_NOISE = "standard deviation, resolution included"
+
+
+class MachineData(Parameters):
+    """Sensors and drives as identified from welds (``fsw.py identify``); None: not identified."""
+
+    what = "machine data"
+    example = "temperature_noise_c: 0.3"
+
+    depth_noise_mm: NonNegativeFloat | None = Field(default=None, description=_NOISE)
+    torque_noise_nm: NonNegativeFloat | None = Field(default=None, description=_NOISE)
+    temperature_noise_c: NonNegativeFloat | None = Field(default=None, description=_NOISE)
+    force_rate_kn_per_s: PositiveFloat | None = Field(
+        default=None, description="of the drive of the axial force"
+    )
+    speed_rate_rpm_per_s: PositiveFloat | None = Field(
+        default=None, description="of the drive of the spindle"
+    )
+
+    @property
+    def text(self) -> str:
+        """YAML that :meth:`from_file` reads."""
+        seen = {name: value for name, value in self if value is not None}
+        lines = [f"{name}: {float(f'{value:.4g}')!r}\n" for name, value in seen.items()]
+        unseen = ", ".join(sorted(set(type(self).model_fields) - set(seen)))
+        remark = f"# Not shown by the data: {unseen}\n" if unseen else ""
+        return (
+            "# Sensors and drives of a machine, by 'fsw.py identify'.\n" + "".join(lines) + remark
+        )

@@ -2,36 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
-
-from pydantic import BeforeValidator
+from typing import Annotated, Literal
 
 from fsw_control import weld
 from fsw_control.parameters import AT_START, NodeParameters
 from fsw_control.schema.models import Whole
 from fsw_control.schema.ranges import Range
 
-#: presets of earlier versions, and what replaces them
-_FORMER = {
-    "adaptive": "default with a model_file of this process (fsw.py identify), "
-    "on canisters also with the heat of earlier welds (fsw.py learn)",
-    "paper:offset_free": "paper",
-}
-
-
-def _refuse_former(preset: Any) -> Any:
-    if isinstance(preset, str) and preset in _FORMER:
-        raise ValueError(f"{preset} no longer exists: use {_FORMER[preset]}")
-    return preset
-
 
 class NmpcParameters(NodeParameters):
     """Parameters of the NMPC. All but ``model_file`` act at runtime, without a bump."""
 
-    preset: Annotated[
-        Literal["default", "paper", "paper:letter"],
-        BeforeValidator(_refuse_former),
-    ] = "default"
+    preset: Literal["default", "paper", "paper:letter"] = "default"
     """default: by rule from the model; paper: weights, dead-bands and corridors of the paper,
     (32)-(37), with estimated disturbances; paper:letter: without these, as in the paper."""
     tuning_file: str = ""

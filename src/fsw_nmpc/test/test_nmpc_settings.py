@@ -109,8 +109,6 @@ def test_missing_files():
         ({"force_min": 99.0}, "force_min"),
         ({"no_such": 1.0}, "no_such"),
         ({"preset": "best"}, "preset"),
-        ({"preset": "adaptive"}, "use default with a model_file"),
-        ({"preset": "paper:offset_free"}, "use paper"),
     ],
 )
 def test_wrong_values_are_refused_by_name(values, word):

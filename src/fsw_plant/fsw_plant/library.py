@@ -85,11 +85,8 @@ class Draws:
 
 def sensors_of(config: PlantConfig) -> tuple[str, ...]:
     """Names of the plant's sensors, in the order of the table."""
-    return tuple(
-        name
-        for name, row in SENSORS.items()
-        if row.required or (name in DEPTH_CHANNELS and config.machine.depth_channels)
-    )
+    channels = config.machine.depth_channels
+    return tuple(name for name in SENSORS if channels or name not in DEPTH_CHANNELS)
 
 
 def _noise(config: PlantConfig, row: Sensor) -> tuple[float, float, float]:

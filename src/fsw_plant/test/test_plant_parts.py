@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 from fsw_control import Command, Limits
 from fsw_control.command_gate import REASONS, CommandGate
 from fsw_control.parameters import defaults
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_model.c_code import WRITER
 from fsw_model.equations import numbers_of
 from fsw_plant import PlantConfig, PlantEmulator, kernel_codegen
 from fsw_plant.events import Disturbance, Fault, Sample
-from fsw_plant.library import KERNEL, Draws, model_of
+from fsw_plant.library import KERNEL, Draws, model_of, sensors_of
 from fsw_plant.pace import JUMP_NS, NUDGE_NS, Lockstep, TickStamps
 from fsw_plant.parameters import PlantParameters
 from fsw_plant.reports_ros import truth_message
@@ -510,3 +511,8 @@ def test_truth_is_sent_in_si():
     in_si = {"depth": 0.002, "axial_force": 8e4, "spindle_speed": 2.0 * pi, "process_power": 44e3}
     in_si |= {"temperature": 820.0, "force_disturbance": 300.0, "refused_commands": 3}
     assert {name: getattr(sent, name) for name in in_si} == pytest.approx(in_si)
+
+
+def test_a_further_row_of_the_table_is_a_sensor_of_the_plant(monkeypatch):
+    monkeypatch.setitem(SENSORS, "second", SENSORS["thermocouple"])
+    assert sensors_of(PlantConfig.from_values({})) == (*REQUIRED, "second")
