@@ -222,6 +222,7 @@ def test_wrong_arguments_tell_the_usage(capsys, arguments):
 @pytest.mark.parametrize(
     ("arguments", "meant"),
     [
+        (["--verison"], "--version"),
         (["simulat"], "simulate"),
         (["bag", "inf"], "info"),
         (["hmi", "user", "ad"], "add"),
