@@ -159,9 +159,9 @@ def page(tables: dict[str, list[Row]], figures: dict[str, Any]) -> str:
 
 def draw(tables: dict[str, list[Row]], file: Path) -> None:
     """Cost excess against time, a panel for each problem; a solver has one look in all."""
-    names = sorted({row.name for rows in tables.values() for row in rows} - {NAMES["own"]})
-    looks = {name: look.point for name, look in zip(names, looks_of(names), strict=True)}
-    looks[NAMES["own"]] = {"color": "black", "marker": "s", "linestyle": "none"}
+    others = sorted({row.name for rows in tables.values() for row in rows} - {NAMES["own"]})
+    points = [look.point for look in looks_of(["nmpc", *others])]
+    looks = dict(zip([NAMES["own"], *others], points, strict=True))
     with sheet(11.0, 4.6, file) as figure:
         panels = zip(figure.subplots(1, len(tables)), tables.items(), strict=True)
         for axes, (title, rows) in panels:

@@ -161,7 +161,7 @@ def ensure(dev=False, oldest=False, extras=()):
                             f"[set-up] no ROS 2: {reason}; welds run in one process",
                             file=sys.stderr,
                         )
-                    _make(home, locks)
+                    _make(home, locks, turn)
         except (OSError, subprocess.CalledProcessError) as error:
             advice = "[set-up] run this once as a user who may write there"
             sys.exit(f"[set-up] cannot write {home} ({', '.join(names)}): {error}\n{advice}")
@@ -368,7 +368,8 @@ def _wait_for(turn):
         fcntl.flock(turn, fcntl.LOCK_EX)
 
 
-def _make(home, locks):
+def _make(home, locks, turn):
+    # Every child holds the lock, too: one that outlives an interrupted script still writes to home.
     # One without a lock installed may have been interrupted before pip was there.
     if _made_with(home) != _minor(sys.version) or not any(home.glob("*.installed")):
         print(
@@ -377,12 +378,18 @@ def _make(home, locks):
             flush=True,
         )
         try:
-            venv.EnvBuilder(
-                with_pip=True, clear=True, system_site_packages=with_sourced_ros()
-            ).create(home)
-        except (OSError, subprocess.CalledProcessError) as error:
+            venv.EnvBuilder(clear=True, system_site_packages=with_sourced_ros()).create(home)
+            subprocess.run(
+                [_python(home), "-Im", "ensurepip", "--upgrade", "--default-pip"],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                check=True,
+                pass_fds=[turn.fileno()],
+            )
+        except subprocess.CalledProcessError as error:
             sys.exit(
-                f"[set-up] cannot make {home}: {error}\n[set-up] on Debian or Ubuntu: apt install python3-venv"
+                f"{error.stdout}[set-up] cannot make {home}\n[set-up] on Debian or Ubuntu: apt install python3-venv"
             )
     # those before the first one that is new are as they were; those after it may have other
     # versions of its packages
@@ -403,16 +410,18 @@ def _make(home, locks):
             "--only-binary",
             ":all:",
         ]
-        _run_with_progress([*pip, "--no-binary", SOURCE_ONLY, *names], lock.name)
+        _run_with_progress([*pip, "--no-binary", SOURCE_ONLY, *names], lock.name, turn)
         if lock.stem not in (ROS, PAGE):  # more than packages is still to be got
             _mark(home, lock)
     _install_from_source(home)
     if any(lock.stem == ROS for lock in locks[old:]):
         _build_interfaces(
-            home
+            home, turn
         )  # where it fails welds run in one process: the next start does not try again
     if any(lock.stem == PAGE for lock in locks[old:]):  # it, too, does not try again
-        subprocess.run([_python(home), SOURCES / "fsw_hmi" / "npm_packages.py"])
+        subprocess.run(
+            [_python(home), SOURCES / "fsw_hmi" / "npm_packages.py"], pass_fds=[turn.fileno()]
+        )
     for lock in locks[old:]:
         _mark(home, lock)
 
@@ -421,7 +430,7 @@ def _mark(home, lock):
     (home / f"{lock.stem}.installed").write_text(_stamp(lock))
 
 
-def _build_interfaces(home):
+def _build_interfaces(home, turn):
     """Build the messages that the wheels of ROS 2 lack, all packages at once."""
     print(
         f"[set-up] building {len(INTERFACES)} message packages (once)",
@@ -438,6 +447,7 @@ def _build_interfaces(home):
             stderr=subprocess.PIPE,
             text=True,
             env=environment,
+            pass_fds=[turn.fileno()],
         )
         for folder in INTERFACES
     ]
@@ -462,11 +472,15 @@ def _packages(lock):
     ]
 
 
-def _run_with_progress(command, what):
+def _run_with_progress(command, what, turn):
     """Run pip, a dot per package, and show its words only when it fails."""
     lines = []
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        pass_fds=[turn.fileno()],
     ) as process:
         for line in process.stdout or ():
             lines.append(line)

@@ -161,7 +161,8 @@ def on_page_content(content: str, page: Any, config: Any, files: Any) -> str:
         formula = convert(
             tex.replace(tag[0], "") if tag else tex, display="inline" if match[2] else "block"
         )
-        return f'<div class="equation"><span>({tag[1]})</span>{formula}</div>' if tag else formula
+        number = f"<span>({tag[1]})</span>" if tag else ""
+        return formula if match[2] else f'<div class="equation">{number}{formula}</div>'
 
     pattern = r'<(span|div) class="arithmatex">(?:\\\((.*?)\\\)|\s*\\\[(.*?)\\\]\s*)</\1>'
     return re.sub(pattern, mathml, content, flags=re.DOTALL)

@@ -525,3 +525,13 @@ def test_page_of_solvers_names_those_closer_than_twice_the_time(
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines()]
     phases = {row[0]: row[1:] for row in rows if len(row) == 6}
     assert phases["full condensing, HPIPM"] == [*["0.75 / 1.25"] * 3, "3", "0.013"]
+
+
+def test_a_formula_wider_than_the_page_scrolls_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also one without a number; one within a line is no box."""
+    monkeypatch.syspath_prepend(str(WORKSPACE / "scripts"))
+    blocks = [rf'<div class="arithmatex">\[{tex}\]</div>' for tex in (r"a = b \tag{1}", "c")]
+    content = "".join([*blocks, r'<span class="arithmatex">\(d\)</span>'])
+    shown = load("build_docs").on_page_content(content, None, None, None)
+    boxes = re.findall(r'<div class="equation">(<span>\(1\)</span>)?<math', shown)
+    assert boxes == ["<span>(1)</span>", ""] and shown.count("<math") == 3

@@ -75,9 +75,11 @@ def test_an_environment_whose_making_was_interrupted_is_made_again(tmp_path):
     home = tmp_path / ".venv"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)
     program = """
-_bootstrap._run_with_progress = lambda command, what: None
+_bootstrap._run_with_progress = lambda command, what, turn: None
 _bootstrap._install_from_source = lambda home: None
-_bootstrap._make(_bootstrap.Path(sys.argv[1]), [_bootstrap.WORKSPACE / "requirements" / "runtime.lock"])
+locks = [_bootstrap.WORKSPACE / "requirements" / "runtime.lock"]
+with open(sys.argv[1] + ".lock", "w") as turn:
+    _bootstrap._make(_bootstrap.Path(sys.argv[1]), locks, turn)
 """
     ran = in_python(program, home)
     assert ran.returncode == 0, ran.stderr
@@ -102,6 +104,25 @@ with open(sys.argv[1], "w") as turn:
         assert "waiting" in waiting.stderr.readline()
     with waiting:
         assert waiting.wait(600) == 0
+
+
+def test_what_an_interrupted_set_up_left_running_keeps_the_lock(tmp_path):
+    """It writes into the environment that the next script would make again."""
+    program = """
+with open(sys.argv[1], "w") as turn:
+    _bootstrap._wait_for(turn)
+    _bootstrap._run_with_progress(["sh", "-c", "echo Installing; read line"], "", turn)
+"""
+    command = [sys.executable, "-c", BEGIN + program, str(tmp_path / "lock")]
+    pipes = {"stdin": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with (tmp_path / "lock").open("w") as lock, subprocess.Popen(command, **pipes) as script:
+        assert script.stderr.read(1) == "."
+        script.kill()
+        script.wait(600)
+        with pytest.raises(BlockingIOError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        script.stdin.close()
+        fcntl.flock(lock, fcntl.LOCK_EX)
 
 
 def test_pip_knows_the_extras_of_a_clone():

@@ -18,6 +18,8 @@ from fsw_control.schema.extensions import extensions, loaded
 #: entry points: modules that declare commands, by their first word; a suffix after a dot only
 #: distinguishes them
 GROUP = "fsw.commands"
+#: options that need no command
+_OPTIONS = ("-h", "--help", "--version")
 #: commands of our other distributions
 ELSEWHERE = {
     "fsw-lab": (
@@ -109,14 +111,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def run() -> int:
         word = words[0] if words else ""
-        commands = {name.partition(".")[0] for name in extensions(GROUP)}
-        if word and word[0] != "-" and word not in commands:
+        known = {name.partition(".")[0] for name in extensions(GROUP)} | {*_OPTIONS}
+        if word and word not in known:
             short = argparse.ArgumentParser(prog=program(), usage="%(prog)s COMMAND ...")
-            short.error(_unknown("", word, commands))
+            short.error(_unknown("", word, known))
         parsed, surplus = parser(program(), word).parse_known_args(words)
         if surplus:
-            known = parsed.parser._option_string_actions
-            nearest = _nearest(surplus[0].partition("=")[0], known)
+            options = parsed.parser._option_string_actions
+            nearest = _nearest(surplus[0].partition("=")[0], options)
             parsed.parser.error(f"unrecognized arguments: {' '.join(surplus)}{nearest}")
         code: int = parsed.run(parsed)
         return code

@@ -17,7 +17,6 @@ from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.export import Column, export_weld, weld_table
 from fsw_analysis.kpi_table import Kpi
-from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.contract import Controller
 from fsw_control.schema.extensions import Extra
@@ -409,5 +408,7 @@ def read_bag(bag: str | Path, label: str | None = None, progress: Progress | Non
     Traceback (most recent call last):
     fsw_recorder.errors.BagError: no_such_bag: there is no such bag
     """
+    from fsw_analysis.signals import load_weld  # what reads bags takes a while to import
+
     signals = cut_to_scenario(load_weld(Path(bag), progress))
     return Weld(label or signals.path.name, signals)

@@ -222,6 +222,7 @@ def test_wrong_arguments_tell_the_usage(capsys, arguments):
 @pytest.mark.parametrize(
     ("arguments", "meant"),
     [
+        (["--verison"], "--version"),
         (["simulat"], "simulate"),
         (["bag", "inf"], "info"),
         (["hmi", "user", "ad"], "add"),
@@ -446,6 +447,9 @@ try:
     main(["--version"])
 except SystemExit:
     assert not {"numpy", "pydantic", "rich"} & sys.modules.keys()
+import fsw
+fsw.simulate("quick", "decentral")
+assert not {"fsw_nmpc", "matplotlib", "mcap", "rosbags"} & sys.modules.keys()
 parser("fsw.py", "status").parse_args(["status", "--timeout", "1"])
 assert not {"matplotlib", "scipy.signal", "rclpy"} & sys.modules.keys()
 extras = "skfem meshio distributed pyarrow cryptography fpdf shtab gymnasium pandas xarray asyncua"

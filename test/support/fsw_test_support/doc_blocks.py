@@ -37,7 +37,10 @@ WORKSPACE = Path(__file__).resolve().parents[3]
 LINKED = ("scripts", "src", "lab", "quality", "test", "examples", "benchmarks", "requirements")
 #: Pages that take one or two minutes each. CI runs them in a job of their own, so that ``.ci/run``
 #: ends within half an hour.
-MINUTES = {"canister-heat", "canister-weld", "history", "identify", "learn-heat", "record"}
+MINUTES = {
+    *("bags", "campaigns", "canister-heat", "canister-weld", "evidence", "history"),
+    *("identify", "learn-heat", "record"),
+}
 _COMMAND = re.compile(
     r"(\S*/)?(python3?|fsw|pip) |\S*/\S+\.py |(sed|echo|head|env|cmake|ros2|rosdep|colcon|fsw\.py) "
 )
