@@ -296,6 +296,8 @@ def test_the_nmpc_gets_what_the_experiment_shows_of_the_machine(tmp_path, monkey
     work = commission.Work(Arguments)
     work.identify()
     work.tune()
+    tuning = (tmp_path / "tuned" / "decentral_conservative.yaml").read_text()
+    assert tuning.startswith("# Origin: model.yaml, SHA-256 ")
     content = yaml.safe_load((tmp_path / "tuned" / "nmpc.yaml").read_text())
     parameters = content["fsw_nmpc"]["ros__parameters"]
     assert MachineData.from_file(parameters["machine_file"]) == seen
