@@ -13,6 +13,7 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
 from itertools import product
+from math import hypot
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,12 +26,14 @@ if __name__ == "__main__":
     ensure(extras=("canister",))
 
 import numpy as np
-from canister.verdict import phase_rows
 from report import parser, save, show
 
+from fsw_analysis.phase_kpi import compute
 from fsw_analysis.report import templates
 from fsw_campaign.definition import load
 from fsw_campaign.programme_signals import with_programme
+from fsw_control import weld
+from fsw_control.weld import TICK_S
 from fsw_identification.heat_learning import learn
 from fsw_lab.learn_command import model_text
 from fsw_model import nominal
@@ -38,6 +41,7 @@ from fsw_plant.parameters import Actuators
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
+from fsw_scenario.weld_programme import spans
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "heat.md"
 #: welds of the campaign whose wall, rim and lid, and whose machine and tool, the types have; no two
@@ -71,6 +75,10 @@ PHASES = ("start", "downward", "joint_line", "overlap", "parking")
 RIVALS = ("decentral:tight", "nmpc:default")
 CONTROLLERS = (*RIVALS, "model", "computed", *(f"learned from {n}" for n in LEARNED))
 MOST_COST = 1.1  #: that a wrong profile may have
+#: a phase is inside its limits in the process window and within these errors, but for some seconds
+#: (chosen)
+DEPTH_MM, TEMPERATURE_C, AT_MOST_S = weld.QUALITY_DEPTH_MM, 10.0, 5.0
+NEAR_RPM = 0.3  #: of the end of its range, where the spindle counts as saturated
 
 
 class Task(NamedTuple):
@@ -120,6 +128,37 @@ def taught(task):
     """Signals of a weld that teaches, with the tool's path."""
     scenario, signals = signals_of(task)
     return with_programme(signals, scenario)
+
+
+def phase_rows(scenario, signals):
+    """Figures of each phase, from the truth."""
+    truth = signals.truth
+    wrong_c = np.abs(truth.temperature_c - signals.reference_temperature_c)
+    outside = (
+        (np.abs(truth.depth_mm - signals.reference_depth_mm) > DEPTH_MM)
+        | (wrong_c > TEMPERATURE_C)
+        | (truth.temperature_c < weld.QUALITY_TEMPERATURE_MIN_C)
+        | (truth.temperature_c > weld.QUALITY_TEMPERATURE_MAX_C)
+    )
+    fast = signals.speed_rpm > weld.SPEED_MAX_RPM - NEAR_RPM
+    parts = [  # a tick earlier: the set-point at a boundary is that of the later phase
+        (name, begin_s - TICK_S, end_s - TICK_S)
+        for name, begin_s, end_s in spans(scenario.phases, signals.n_ticks * TICK_S)
+    ]
+    for (phase, begin_s, end_s), errors in zip(parts, compute(signals, "", parts), strict=False):
+        inside = (signals.time_s > begin_s + 1e-6) & (signals.time_s <= end_s + 1e-6)
+        temperature, depth = errors.in_force_temperature_c, errors.in_force_depth_mm
+        if temperature is None or depth is None:
+            continue
+        yield {
+            "phase": phase,
+            "seconds": float(inside.sum() * TICK_S),
+            "temperature_sigma_c": hypot(temperature.mean, temperature.sigma),
+            "depth_sigma_mm": hypot(depth.mean, depth.sigma),
+            "moved_rpm": float(np.abs(np.diff(signals.speed_rpm[inside])).sum()),
+            "fastest_s": float(fast[inside].sum() * TICK_S),
+            "good": float(outside[inside].sum() * TICK_S) <= AT_MOST_S,
+        }
 
 
 def measured(task):

@@ -296,7 +296,6 @@ _GENERATED = {
     "campaign",
     "campaign_worst",
     "canister",
-    "canister-verdict",
     "corridors",
     "first-hour",
     "history",
