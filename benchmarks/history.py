@@ -1,8 +1,7 @@
 #!/usr/bin/env python3
 """The history of welds: false signals of stable welds, delays of shifts and wear, and the time for ten thousand welds.
 
-usage: history.py [--quick] [--json FILE] [--emulated COUNT] [--folder DIR] [--page FILE] [--figure
-FILE]
+usage: history.py [--quick] [--json FILE]
 
 Stable histories are normally distributed, or drawn from emulated welds, whose rows are kept in the
 folder, so an interrupted run resumes where it stopped.
@@ -10,27 +9,17 @@ folder, so an interrupted run resumes where it stopped.
 
 import json
 import os
-import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-sys.path.append(str(Path(__file__).resolve().parent.parent / "test" / "support"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure(extras=("history",))
-
+import _benchmark
 import numpy as np
 import pyarrow as pa
 import yaml
-from report import parser, save, show
 
-from fsw_analysis.report import templates
 from fsw_control.schema.files import replacing
 from fsw_quality import history, history_report
 from fsw_quality.control_charts import FALSE_SIGNALS, WELDS, chart
@@ -42,8 +31,9 @@ from fsw_scenario.controllers import make_all, name_of
 from fsw_scenario.scenario_file import parse
 from fsw_test_support.made_history import rows
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "history.md"
-FIGURE = PAGE.parent.parent / "figures" / "history.png"
+FIGURE = _benchmark.WORKSPACE / "docs" / "figures" / "history.png"
+#: emulated welds of each controller, and the folder that keeps their rows
+EMULATED, KEPT = 60, Path("out") / "history"
 CONTROLLERS = ("decentral:tight", "nmpc:default")
 #: the plant differs by so much from weld to weld, as canisters do (chosen), in these coefficients
 #: of its model
@@ -183,8 +173,8 @@ def _worn(torque, random):
     return random.choice(torque, WITHIN) + WEAR_NM * np.arange(WITHIN)
 
 
-def write_page(figures, page):
-    """Write the page of the results."""
+def content_of(figures):
+    """Content of the page of the results."""
     rows = [
         (
             "quantities normally distributed, or their logarithms, independent of each other",
@@ -198,26 +188,21 @@ def write_page(figures, page):
     rows.append(
         (f"normally distributed, correlated from weld to weld by {CORRELATION}", "correlated")
     )
-    text = (
-        templates(Path(__file__).parent)
-        .get_template("history.md.j2")
-        .render(
-            figures=figures,
-            rows=rows,
-            few=FEW,
-            welds=WELDS,
-            quantities=len(CHARTED),
-            aim=100.0 * FALSE_SIGNALS,
-            controllers=[name_of(label) for label in CONTROLLERS],
-            correlation=CORRELATION,
-            spread=SPREAD,
-            within=WITHIN,
-            befores=BEFORE,
-            wear_nm=WEAR_NM,
-            delay=_delay,
-        )
-    )
-    page.write_text(text, encoding="utf-8")
+    return {
+        "figures": figures,
+        "rows": rows,
+        "few": FEW,
+        "welds": WELDS,
+        "quantities": len(CHARTED),
+        "aim": 100.0 * FALSE_SIGNALS,
+        "controllers": [name_of(label) for label in CONTROLLERS],
+        "correlation": CORRELATION,
+        "spread": SPREAD,
+        "within": WITHIN,
+        "befores": BEFORE,
+        "wear_nm": WEAR_NM,
+        "delay": _delay,
+    }
 
 
 def _delay(figures, shift, before):
@@ -262,37 +247,24 @@ def times(welds):
     return figures
 
 
-def main():
-    """Measure, print a table, write JSON and the page."""
-    arguments = parser(
-        __doc__, "a tenth of the histories and of the welds, no emulated ones, no page"
-    )
-    arguments.add_argument(
-        "--emulated", type=int, default=60, help="emulated welds of each controller (default 60)"
-    )
-    arguments.add_argument(
-        "--folder", type=Path, default=Path("out") / "history", help="keeps their rows"
-    )
-    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
-    arguments.add_argument(
-        "--figure", type=Path, default=FIGURE, help="picture of the charts of emulated welds"
-    )
-    chosen = arguments.parse_args()
-    scale = 10 if chosen.quick else 1
-    figures = signals(HISTORIES // scale)
-    if not chosen.quick:
-        more, welds = of_emulated(chosen.emulated, chosen.folder, HISTORIES)
+def measure(quick):
+    """Figures, and the content of the page; draws its picture."""
+    scale = 10 if quick else 1
+    figures, content = signals(HISTORIES // scale), {}
+    if not quick:
+        more, welds = of_emulated(EMULATED, KEPT, HISTORIES)
         figures |= more
     figures |= times(10_000 // scale)
-    show(figures)
-    save(
-        {name: None if figure == np.inf else figure for name, figure in figures.items()},
-        chosen.json,
-    )
-    if not chosen.quick:
-        write_page(figures, chosen.page)
-        draw(welds[CONTROLLERS[0]], chosen.figure)
+    if not quick:
+        content = content_of(figures)
+        draw(welds[CONTROLLERS[0]], FIGURE)
+    return {key: None if value == np.inf else value for key, value in figures.items()}, content
 
 
 if __name__ == "__main__":
-    main()
+    _benchmark.run(
+        __doc__,
+        "a tenth of the histories and of the welds, no emulated ones, no page",
+        measure,
+        "history",
+    )
