@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Depth on a machine that deflects and grows: true errors, detection of faulty channels, false isolations.
 
-usage: depth.py [--quick] [--json FILE] [--page FILE]
+usage: depth.py [--quick] [--json FILE]
 
 Machines, copper and noise are drawn by seeds that did not tune the estimator (from 5000 on).
 """
@@ -10,32 +10,18 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import sys
 import tempfile
-import time
-from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from collections.abc import Iterable, Sequence
 from itertools import product
 from math import pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from _bootstrap import ensure
-
-    ensure()
-
+import _benchmark
 import numpy as np
-from report import parser, save, show
 from scipy.stats import norm
 
 from fsw.footprint_command import footprint_of
-from fsw_analysis.report import templates
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.depth_bank import DepthBank
 from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthFusionSettings
@@ -47,8 +33,8 @@ from fsw_plant.parameters import Tool
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
+from fsw_tuning.standard_runs import on_all_cores
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "depth.md"
 #: first machine (a seed) that is measured
 FIRST = 5000
 #: largest error that the aim permits [mm]
@@ -104,17 +90,18 @@ DRIFTS = (0.02, 0.002)
 #: ticks of the joint line, and welds in which a sound channel may be isolated once
 WELD_TICKS, WELDS = 24_000, 200
 
-PARTS = ("faults", "edges", "sound", "accuracy")
-#: command line: name, default, meaning
-OPTIONS = (
-    ("machines", 6, "machines welded on by the decentralized controller"),
-    ("nmpc-machines", 6, "machines welded on by the NMPC"),
-    ("faulty", 3, "welds of each fault in each channel"),
-    ("near", 4, "welds of each slip near an edge in each channel"),
-    ("sound", 200, "welds without a fault"),
-    ("seconds", 600.0, "length of a weld without a fault [s]"),
-    ("minutes", 1e6, "begin no weld later"),
-)
+
+class Size(NamedTuple):
+    """How much is measured."""
+
+    machines: int = 6  #: welded on by each controller
+    faulty: int = 3  #: welds of each fault in each channel
+    near: int = 4  #: welds of each slip near an edge in each channel
+    sound: int = 200  #: welds without a fault
+    seconds: float = 600.0  #: length of a weld without a fault
+
+
+QUICK = Size(1, 1, 1, 2, 60.0)
 
 
 class Case(NamedTuple):
@@ -353,63 +340,41 @@ def by_fault(rows: list[dict[str, Any]], faults: Iterable[str]) -> list[dict[str
     return found
 
 
-def run(chosen: Any, folder: str, pool: Any) -> dict[str, Any]:
-    """Make the welds of the chosen parts; returns the tables."""
-    until_s = time.time() + 60.0 * chosen.minutes
+def tables_of(size: Size, folder: str) -> dict[str, Any]:
+    """Make all welds; returns the tables."""
     found: dict[str, Any] = {}
-    if "faults" in chosen.part:
-        kinds = product(range(chosen.faulty), FAULTS, DEPTH_CHANNELS)
-        cases = [
-            Case(FIRST + 100 + k, 1, FAULTY_S, fault=fault, channel=channel)
-            for k, (_, fault, channel) in enumerate(kinds)
-        ]
-        found["by_channel"] = _each(pool, faulty, cases, until_s)
-        found["faults"] = by_fault(found["by_channel"], FAULTS)
-        found["bounds"] = {
-            f"{rate:g}": {name: least_delay_s(name, rate) for name in CHANNELS} for rate in DRIFTS
-        }
-    if "edges" in chosen.part:
-        slips = product(range(chosen.near), (*SLIPS, *SHARES), DEPTH_CHANNELS)
-        near = [near_edge(FIRST + 3000 + k, *slip) for k, (_, *slip) in enumerate(slips)]
-        rows = found["edges_by_channel"] = _each(pool, faulty, near, until_s)
-        found["edges"] = by_fault(rows, (*SLIPS, *SHARES))
-    if "sound" in chosen.part:
-        good = [Case(FIRST + 1000 + k, 1, chosen.seconds) for k in range(chosen.sound)]
-        sound = _each(pool, faulty, good, until_s)
-        found["sound"] = {
-            "welds": len(sound),
-            "seconds": chosen.seconds,
-            "isolated": sum(row["others"] > 0 for row in sound),
-            "suspect_s": sum(row["suspect_s"] for row in sound),
-            "inside": float(np.mean([row["inside"] for row in sound])) if sound else None,
-        }
-    if "accuracy" in chosen.part:
-        counts = {CONTROLLERS[0]: chosen.machines, CONTROLLERS[1]: chosen.nmpc_machines}
-        tasks = [
-            (folder, FIRST + machine, controller, source, chosen.seconds)
-            for machine, (controller, count), source in product(
-                range(max(counts.values())), counts.items(), (ONE, FOUR)
-            )
-            if machine < count
-        ]
-        errors = [row for rows in _each(pool, accuracy, tasks, until_s) for row in rows]
-        found["accuracy"] = by_source(errors)
+    kinds = product(range(size.faulty), FAULTS, DEPTH_CHANNELS)
+    cases = [
+        Case(FIRST + 100 + k, 1, FAULTY_S, fault=fault, channel=channel)
+        for k, (_, fault, channel) in enumerate(kinds)
+    ]
+    found["by_channel"] = _all(faulty, cases)
+    found["faults"] = by_fault(found["by_channel"], FAULTS)
+    found["bounds"] = {
+        f"{rate:g}": {name: least_delay_s(name, rate) for name in CHANNELS} for rate in DRIFTS
+    }
+    slips = product(range(size.near), (*SLIPS, *SHARES), DEPTH_CHANNELS)
+    near = [near_edge(FIRST + 3000 + k, *slip) for k, (_, *slip) in enumerate(slips)]
+    rows = found["edges_by_channel"] = _all(faulty, near)
+    found["edges"] = by_fault(rows, (*SLIPS, *SHARES))
+    sound = _all(faulty, [Case(FIRST + 1000 + k, 1, size.seconds) for k in range(size.sound)])
+    found["sound"] = {
+        "welds": len(sound),
+        "seconds": size.seconds,
+        "isolated": sum(row["others"] > 0 for row in sound),
+        "suspect_s": sum(row["suspect_s"] for row in sound),
+        "inside": float(np.mean([row["inside"] for row in sound])),
+    }
+    tasks = [
+        (folder, FIRST + machine, controller, source, size.seconds)
+        for machine, controller, source in product(range(size.machines), CONTROLLERS, (ONE, FOUR))
+    ]
+    found["accuracy"] = by_source([row for rows in _all(accuracy, tasks) for row in rows])
     return found
 
 
-def _before(function: Any, until_s: float, task: Any) -> Any:
-    return function(task) if time.time() < until_s else None
-
-
-def _each(pool: Any, function: Any, tasks: list[Any], until_s: float) -> list[Any]:
-    """Results of those that could begin in time."""
-    found = []
-    for result in pool.map(partial(_before, function, until_s), tasks):
-        found += [result] if result is not None else []
-        text = f"\r{function.__name__}: {len(found)} of {len(tasks)}"
-        print(text, end="", file=sys.stderr, flush=True)
-    print(file=sys.stderr)
-    return found
+def _all(function: Any, tasks: Sequence[Any]) -> list[Any]:
+    return _benchmark.counted(on_all_cores(function, tasks), tasks, f"{function.__name__}:")
 
 
 def draw(rows: list[dict[str, Any]], file: Path) -> None:
@@ -434,61 +399,39 @@ def draw(rows: list[dict[str, Any]], file: Path) -> None:
 
 
 def figures_of(tables: dict[str, Any]) -> dict[str, Any]:
-    """Flat figures of the tables that there are."""
+    """Flat figures of the tables."""
     return (
         {
             f"{row['controller']}: {row['source']}"
             f"{' with footprint' if row['footprint'] else ''}: {key}": row[key]
-            for row in tables.get("accuracy", ())
+            for row in tables["accuracy"]
             for key in ("error_99_mm", "worst_mm", "inside")
         }
         | {
             f"{row['fault']}: {key}": row[key]
-            for row in (*tables.get("faults", ()), *tables.get("edges", ()))
+            for row in (*tables["faults"], *tables["edges"])
             for key in ("named", "median_s", "worst_s", "others", "inside")
         }
         | {
             f"least delay, {rate} mm/s, {name}: s": delay_s
-            for rate, delays in tables.get("bounds", {}).items()
+            for rate, delays in tables["bounds"].items()
             for name, delay_s in delays.items()
         }
-        | {f"sound: {key}": value for key, value in tables.get("sound", {}).items()}
+        | {f"sound: {key}": value for key, value in tables["sound"].items()}
     )
 
 
-def main() -> None:
-    """Measure, print, write JSON, page, tables and figure."""
-    arguments = parser(__doc__, "a few short welds, no page")
-    for name, default, text in OPTIONS:
-        arguments.add_argument(f"--{name}", type=type(default), default=default, help=text)
-    arguments.add_argument(
-        "--part",
-        choices=PARTS,
-        nargs="*",
-        default=PARTS,
-        help="measure these only; none: write the page from the tables beside it",
-    )
-    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
-    chosen = arguments.parse_args()
-    if chosen.quick:
-        chosen.machines = chosen.nmpc_machines = chosen.faulty = chosen.near = 1
-        chosen.sound, chosen.seconds = 2, 60.0
-    cores = min(2, len(os.sched_getaffinity(0)))
-    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(cores) as pool:
-        found = run(chosen, folder, pool)
-    show(figures_of(found) or {"measured": 0})
-    save(figures_of(found), chosen.json)
-    if not chosen.quick:
-        page: Path = chosen.page
-        file = page.with_name("depth_tables.json")
-        tables = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-        tables |= found
+def measure(quick: bool) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Figures, and the content of the page; writes tables and figure."""
+    with tempfile.TemporaryDirectory() as folder:
+        tables = tables_of(QUICK if quick else Size(), folder)
+    if not quick:
+        file = _benchmark.RESULTS / "depth_tables.json"
         file.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
-        template = templates(Path(__file__).parent).get_template("depth.md.j2")
-        text = template.render(**tables, aim_mm=AIM_MM, named_s=NAMED_S, machine=MACHINE)
-        page.write_text(text, encoding="utf-8")
-        draw(tables.get("accuracy", []), page.with_name("depth.png"))
+        draw(tables["accuracy"], file.with_name("depth.png"))
+    page = {**tables, "aim_mm": AIM_MM, "named_s": NAMED_S, "machine": MACHINE}
+    return figures_of(tables), page
 
 
 if __name__ == "__main__":
-    main()
+    _benchmark.run(__doc__, "a few short welds, no page", measure, "depth")

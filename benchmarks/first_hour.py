@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The first hour with do-mpc, python-control, GEKKO and this project, step by step; writes its page of results.
 
-usage: first_hour.py [--quick] [--json FILE] [--clones DIR] [--page FILE]
+usage: first_hour.py [--quick] [--json FILE]
 
 Each is installed by pip into an environment of its own, in a temporary folder. The others' examples
 come from their repositories (``git``), the steps and mistakes from first_hour.yaml.
@@ -16,28 +16,19 @@ import re
 import resource
 import shlex
 import subprocess
-import sys
 import tempfile
 import time
 import venv
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure()
-
+import _benchmark
 import yaml
-from report import parser, save, show
 
 from fsw_analysis.report import numbers, templates
 
-WORKSPACE = Path(__file__).resolve().parent.parent
-PAGE = WORKSPACE / "docs" / "results" / "first-hour.md"
+PAGE = _benchmark.RESULTS / "first-hour.md"
 TOOLS: dict[str, Any] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text("utf-8"))
 OURS = "fsw"
 MODULES = {"do-mpc": "do_mpc", "python-control": "control", "GEKKO": "gekko", OURS: OURS}
@@ -100,7 +91,9 @@ class Environment:
         """Make the environment and install the packages; times, size and number of packages."""
         venv.create(self._folder / "env", with_pip=True)
         before = self._size_mb()
-        packages = [str(WORKSPACE) if name == "." else name for name in self._tool["packages"]]
+        packages = [
+            str(_benchmark.WORKSPACE) if name == "." else name for name in self._tool["packages"]
+        ]
         began = time.monotonic()
         cpu_s, done = self._timed("-m", "pip", "install", "--no-cache-dir", "-q", *packages)
         if done.returncode:
@@ -149,7 +142,7 @@ def example_of(name: str, clones: Path) -> tuple[str, str]:
     """Code of the tool's own example, and the commit it is from."""
     tool = TOOLS[name]
     if name == OURS:
-        text = (WORKSPACE / tool["example"]).read_text(encoding="utf-8")
+        text = (_benchmark.WORKSPACE / tool["example"]).read_text(encoding="utf-8")
         block = re.search(r"```python\n(import fsw\n.*?)```", text, re.DOTALL)
         assert block is not None
         return block.group(1), ""
@@ -271,29 +264,23 @@ def page(figures: Mapping[str, Mapping[str, Any]]) -> str:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> None:
     """Measure, print, write JSON, page and its numbers."""
-    cli = parser(__doc__, "this project alone, no page")
-    cli.add_argument("--clones", type=Path, help="folder with clones of the repositories")
-    cli.add_argument("--page", type=Path, default=PAGE, help="page of the results")
-    chosen = cli.parse_args(arguments)
+    chosen = _benchmark.parser(__doc__, "this project alone, no page").parse_args()
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
         names = [OURS] if chosen.quick else list(TOOLS)
-        figures = {name: measure(name, folder, chosen.clones or folder) for name in names}
+        figures = {name: measure(name, folder, folder) for name in names}
     for name, of in figures.items():
         print(f"\n{name}")
-        show({key: value for key, value in of.items() if key != "mistakes"})
+        _benchmark.show({key: value for key, value in of.items() if key != "mistakes"})
         for title, said in of["mistakes"].items():
             print(f"  {title}: {_verdict(said)}; {shlex.quote(said['text'])}")
-    save(figures, chosen.json)
+    _benchmark.save(figures, chosen.json)
     if not chosen.quick:
-        chosen.page.with_name(f"{chosen.page.stem}_tables.json").write_text(
-            numbers(figures), "utf-8"
-        )
-        chosen.page.write_text(page(figures), "utf-8")
-    return 0
+        PAGE.with_name(f"{PAGE.stem}_tables.json").write_text(numbers(figures), "utf-8")
+        PAGE.write_text(page(figures), "utf-8")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -9,28 +9,17 @@ delay is from a tick's measurement to its command, as the bag has it.
 
 import os
 import platform
-import shutil
 import statistics
-import sys
 import tempfile
 import time
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure(extras=("hmi",))
-
+import _benchmark
 import numpy as np
-import rclpy
 from processes import memory_mib, processor_s
-from report import parser, save, show
 
 from fsw.console import ProgressBar
 from fsw_analysis.signals import load_weld
-from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
 from fsw_control.weld import TICK_S
 from fsw_scenario.closed_loop import ClosedLoop
@@ -44,8 +33,6 @@ AIMS = {"offline_steps_per_s": 20_000, "graph_with_nmpc_steps_per_s": 200}
 EVERY_S = 2.0
 #: memory is judged from here on, as a share of the weld; before, caches fill
 SETTLED = 0.2
-#: of nodes whose start is timed by itself
-NODES = ("plant", "decentral", "nmpc", "supervisor", "recorder")
 
 
 def offline_steps_per_s(name, repetitions):
@@ -145,43 +132,9 @@ def used_by(samples):
     return {name: float(value) for name, value in figures.items()}
 
 
-def starts_s(repetitions):
-    """Seconds from the start of a process until its node is seen in the graph; medians."""
-    figures = {}
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        free_domain() as domain,
-        Launcher(Path(folder), domain) as launcher,
-    ):
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
-        stay_on_this_machine(os.environ)
-        rclpy.init(args=[])
-        observer = rclpy.create_node("observer")
-        for program in NODES:
-            node = f"fsw_{program}"
-            bag = ["--ros-args", "-p", f"output:={folder}/bag"] if node == "fsw_recorder" else []
-            times = []
-            for _ in range(repetitions):
-                began_s = time.perf_counter()
-                launcher.start(node, program, bag)
-                launcher.wait_until(
-                    lambda name=node: name in observer.get_node_names(), 60.0, node, [node]
-                )
-                times.append(time.perf_counter() - began_s)
-                launcher.stop(node)
-                shutil.rmtree(f"{folder}/bag", ignore_errors=True)
-                launcher.wait_until(
-                    lambda name=node: name not in observer.get_node_names(), 60.0, node, []
-                )
-            figures[f"start_of_{node}_s"] = statistics.median(times)
-        observer.destroy_node()
-        rclpy.shutdown()
-    return figures
-
-
 def main():
     """Measure, print a table, write JSON."""
-    options = parser(__doc__, "shorter scenario, fewer repetitions")
+    options = _benchmark.parser(__doc__, "shorter scenario, fewer repetitions")
     options.add_argument(
         "--whole-weld",
         action="store_true",
@@ -210,9 +163,9 @@ def main():
             result["graph_with_nmpc_steps_per_s"], _ = graph_steps_per_s(
                 name, ("nmpc",), repetitions
             )
-            result |= starts_s(repetitions) | ten_hertz("quick", folder)
-    show(result, AIMS)
-    save(result, arguments.json)
+            result |= ten_hertz("quick", folder)
+    _benchmark.show(result, AIMS)
+    _benchmark.save(result, arguments.json)
 
 
 if __name__ == "__main__":

@@ -1,36 +1,28 @@
 #!/usr/bin/env python3
 """Known heat: what a profile learned from earlier welds of a type gains on canisters, and what a wrong one costs.
 
-usage: heat.py [--quick] [--minutes N] [--json FILE] [--page FILE]
+usage: heat.py [--quick] [--minutes N] [--json FILE]
 
 The canisters are those of the campaign `canisters`; no weld that is measured made a profile.
 """
 
-import os
 import sys
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache, partial
 from itertools import product
+from math import hypot
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from _bootstrap import ensure
-
-    ensure(extras=("canister",))
-
+import _benchmark
 import numpy as np
-from canister.verdict import phase_rows
-from report import parser, save, show
 
-from fsw_analysis.report import templates
+from fsw_analysis.phase_kpi import compute
 from fsw_campaign.definition import load
 from fsw_campaign.programme_signals import with_programme
+from fsw_control import weld
+from fsw_control.weld import TICK_S
 from fsw_identification.heat_learning import learn
 from fsw_lab.learn_command import model_text
 from fsw_model import nominal
@@ -38,8 +30,9 @@ from fsw_plant.parameters import Actuators
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
+from fsw_scenario.weld_programme import spans
+from fsw_tuning.standard_runs import on_all_cores
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "heat.md"
 #: welds of the campaign whose wall, rim and lid, and whose machine and tool, the types have; no two
 #: have the same walls, rims and lids
 TYPES = (0, 1, 4, 5)
@@ -71,6 +64,10 @@ PHASES = ("start", "downward", "joint_line", "overlap", "parking")
 RIVALS = ("decentral:tight", "nmpc:default")
 CONTROLLERS = (*RIVALS, "model", "computed", *(f"learned from {n}" for n in LEARNED))
 MOST_COST = 1.1  #: that a wrong profile may have
+#: a phase is inside its limits in the process window and within these errors, but for some seconds
+#: (chosen)
+DEPTH_MM, TEMPERATURE_C, AT_MOST_S = weld.QUALITY_DEPTH_MM, 10.0, 5.0
+NEAR_RPM = 0.3  #: of the end of its range, where the spindle counts as saturated
 
 
 class Task(NamedTuple):
@@ -122,6 +119,37 @@ def taught(task):
     return with_programme(signals, scenario)
 
 
+def phase_rows(scenario, signals):
+    """Figures of each phase, from the truth."""
+    truth = signals.truth
+    wrong_c = np.abs(truth.temperature_c - signals.reference_temperature_c)
+    outside = (
+        (np.abs(truth.depth_mm - signals.reference_depth_mm) > DEPTH_MM)
+        | (wrong_c > TEMPERATURE_C)
+        | (truth.temperature_c < weld.QUALITY_TEMPERATURE_MIN_C)
+        | (truth.temperature_c > weld.QUALITY_TEMPERATURE_MAX_C)
+    )
+    fast = signals.speed_rpm > weld.SPEED_MAX_RPM - NEAR_RPM
+    parts = [  # a tick earlier: the set-point at a boundary is that of the later phase
+        (name, begin_s - TICK_S, end_s - TICK_S)
+        for name, begin_s, end_s in spans(scenario.phases, signals.n_ticks * TICK_S)
+    ]
+    for (phase, begin_s, end_s), errors in zip(parts, compute(signals, "", parts), strict=False):
+        inside = (signals.time_s > begin_s + 1e-6) & (signals.time_s <= end_s + 1e-6)
+        temperature, depth = errors.in_force_temperature_c, errors.in_force_depth_mm
+        if temperature is None or depth is None:
+            continue
+        yield {
+            "phase": phase,
+            "seconds": float(inside.sum() * TICK_S),
+            "temperature_sigma_c": hypot(temperature.mean, temperature.sigma),
+            "depth_sigma_mm": hypot(depth.mean, depth.sigma),
+            "moved_rpm": float(np.abs(np.diff(signals.speed_rpm[inside])).sum()),
+            "fastest_s": float(fast[inside].sum() * TICK_S),
+            "good": float(outside[inside].sum() * TICK_S) <= AT_MOST_S,
+        }
+
+
 def measured(task):
     """Figures of a weld, by phase, and of the phases from downward on together."""
     scenario, signals = signals_of(task)
@@ -166,12 +194,12 @@ def whole_tasks(profiles, models):
         yield Task(0, canister, "learned from 1", WHOLE_DEG, models[0], profiles[0, "whole"])
 
 
-def profiles_of(pool, kinds, whole, folder):
+def profiles_of(kinds, whole, folder):
     """Profiles by type and number of welds, and each type's model file, from its first weld."""
     chosen = (None, *TAUGHT)
     tasks = [Task(kind, canister, "nmpc:default") for kind in kinds for canister in chosen]
     tasks += [Task(0, TAUGHT[0], "nmpc:default", WHOLE_DEG)] if whole else []
-    signals = list(pool.map(taught, tasks))
+    signals = list(on_all_cores(taught, tasks))
     known = partial(learn, drive_lag_s=Actuators().lag_s)
     profiles, models = {}, {}
     for i, kind in enumerate(kinds):
@@ -295,34 +323,29 @@ def overall(rows):
     }
 
 
-def main():
-    """Measure, print a table, write JSON and the page."""
-    arguments = parser(__doc__, "two types, one canister each, no page")
-    arguments.add_argument("--minutes", type=float, default=1e6, help="begin no canister later")
-    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
-    chosen = arguments.parse_args()
-    until_s = time.monotonic() + 60.0 * chosen.minutes
-    kinds = tuple(range(2 if chosen.quick else len(TYPES)))
-    canisters, whole = (MEASURED[:1], False) if chosen.quick else (MEASURED, True)
-    cores = min(2, len(os.sched_getaffinity(0)))
+def measure(quick, minutes):
+    """Rows of all welds, and the profiles; no canister is begun after so many minutes."""
+    until_s = time.monotonic() + 60.0 * minutes
+    kinds = tuple(range(2 if quick else len(TYPES)))
+    canisters, whole = (MEASURED[:1], False) if quick else (MEASURED, True)
     rows = []
-    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(cores) as pool:
-        profiles, models = profiles_of(pool, kinds, whole, Path(folder))
+    with tempfile.TemporaryDirectory() as folder:
+        profiles, models = profiles_of(kinds, whole, Path(folder))
         parts = [
             list(tasks_of(kind, canister, profiles, models))
             for canister, kind in product(canisters, kinds)
         ]
-        parts += [list(whole_tasks(profiles, models))] if whole else []
-        for i, part in enumerate(parts):
-            if time.monotonic() < until_s or (whole and i + 1 == len(parts)):
-                rows += pool.map(measured, part)
-            print(f"\r{i + 1} of {len(parts)} canisters", end="", file=sys.stderr, flush=True)
+        for i, part in enumerate(parts, 1):
+            if time.monotonic() < until_s:
+                rows += on_all_cores(measured, part)
+            print(f"\r{i} of {len(parts)} canisters", end="", file=sys.stderr, flush=True)
+        rows += on_all_cores(measured, list(whole_tasks(profiles, models))) if whole else []
     print(file=sys.stderr)
-    publish(rows, profiles, chosen)
+    return rows, profiles
 
 
-def publish(rows, profiles, chosen):
-    """Print the figures, save them, and write the page."""
+def content_of(rows, profiles):
+    """Figures, and the content of the page."""
     figures, table = overall(rows), figures_of(rows)
     figures |= {f"{label}: share of phases inside": share for label, share in inside(rows).items()}
     figures |= {
@@ -339,32 +362,39 @@ def publish(rows, profiles, chosen):
         for key, value in values.items()
     }
     losses = sorted(comparison(rows), key=lambda one: -one[3])
-    show(figures | flat)
-    save(figures | flat, chosen.json)
+    saturated = sorted(
+        {
+            (row["task"].kind, row["task"].canister): row["fastest_s"]
+            for row in rows
+            if row["task"].label == "model" and row["fastest_s"] > 10.0
+        }.items()
+    )
+    return figures | flat, {
+        "figures": figures,
+        "table": table,
+        "full": full,
+        "phases": PHASES,
+        "controllers": CONTROLLERS,
+        "losses": losses,
+        "inside": inside(rows),
+        "moved": moved(rows),
+        "rivals": RIVALS,
+        "saturated": saturated,
+        "profiles": {key: one for key, one in profiles.items() if key[1] == LEARNED[-1]},
+        "most": MOST_COST,
+    }
+
+
+def main():
+    """Measure, print a table, write JSON and the page."""
+    options = _benchmark.parser(__doc__, "two types, one canister each, no page")
+    options.add_argument("--minutes", type=float, default=1e6, help="begin no canister later")
+    chosen = options.parse_args()
+    figures, content = content_of(*measure(chosen.quick, chosen.minutes))
+    _benchmark.show(figures)
+    _benchmark.save(figures, chosen.json)
     if not chosen.quick:
-        template = templates(Path(__file__).parent).get_template("heat.md.j2")
-        saturated = sorted(
-            {
-                (row["task"].kind, row["task"].canister): row["fastest_s"]
-                for row in rows
-                if row["task"].label == "model" and row["fastest_s"] > 10.0
-            }.items()
-        )
-        text = template.render(
-            figures=figures,
-            table=table,
-            full=full,
-            phases=PHASES,
-            controllers=CONTROLLERS,
-            losses=losses,
-            inside=inside(rows),
-            moved=moved(rows),
-            rivals=RIVALS,
-            saturated=saturated,
-            profiles={key: one for key, one in profiles.items() if key[1] == LEARNED[-1]},
-            most=MOST_COST,
-        )
-        chosen.page.write_text(text, encoding="utf-8")
+        _benchmark.publish("heat", content)
 
 
 if __name__ == "__main__":

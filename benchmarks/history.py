@@ -1,36 +1,24 @@
 #!/usr/bin/env python3
 """The history of welds: false signals of stable welds, delays of shifts and wear, and the time for ten thousand welds.
 
-usage: history.py [--quick] [--json FILE] [--emulated COUNT] [--folder DIR] [--page FILE] [--figure
-FILE]
+usage: history.py [--quick] [--json FILE]
 
 Stable histories are normally distributed, or drawn from emulated welds, whose rows are kept in the
 folder, so an interrupted run resumes where it stopped.
 """
 
 import json
-import os
-import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-sys.path.append(str(Path(__file__).resolve().parent.parent / "test" / "support"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure(extras=("history",))
-
+import _benchmark
 import numpy as np
 import pyarrow as pa
 import yaml
-from report import parser, save, show
 
-from fsw_analysis.report import templates
 from fsw_control.schema.files import replacing
 from fsw_quality import history, history_report
 from fsw_quality.control_charts import FALSE_SIGNALS, WELDS, chart
@@ -42,8 +30,9 @@ from fsw_scenario.controllers import make_all, name_of
 from fsw_scenario.scenario_file import parse
 from fsw_test_support.made_history import rows
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "history.md"
-FIGURE = PAGE.parent.parent / "figures" / "history.png"
+FIGURE = _benchmark.WORKSPACE / "docs" / "figures" / "history.png"
+#: emulated welds of each controller, and the folder that keeps their rows
+EMULATED, KEPT = 60, Path("out") / "history"
 CONTROLLERS = ("decentral:tight", "nmpc:default")
 #: the plant differs by so much from weld to weld, as canisters do (chosen), in these coefficients
 #: of its model
@@ -183,8 +172,8 @@ def _worn(torque, random):
     return random.choice(torque, WITHIN) + WEAR_NM * np.arange(WITHIN)
 
 
-def write_page(figures, page):
-    """Write the page of the results."""
+def content_of(figures):
+    """Content of the page of the results."""
     rows = [
         (
             "quantities normally distributed, or their logarithms, independent of each other",
@@ -198,26 +187,21 @@ def write_page(figures, page):
     rows.append(
         (f"normally distributed, correlated from weld to weld by {CORRELATION}", "correlated")
     )
-    text = (
-        templates(Path(__file__).parent)
-        .get_template("history.md.j2")
-        .render(
-            figures=figures,
-            rows=rows,
-            few=FEW,
-            welds=WELDS,
-            quantities=len(CHARTED),
-            aim=100.0 * FALSE_SIGNALS,
-            controllers=[name_of(label) for label in CONTROLLERS],
-            correlation=CORRELATION,
-            spread=SPREAD,
-            within=WITHIN,
-            befores=BEFORE,
-            wear_nm=WEAR_NM,
-            delay=_delay,
-        )
-    )
-    page.write_text(text, encoding="utf-8")
+    return {
+        "figures": figures,
+        "rows": rows,
+        "few": FEW,
+        "welds": WELDS,
+        "quantities": len(CHARTED),
+        "aim": 100.0 * FALSE_SIGNALS,
+        "controllers": [name_of(label) for label in CONTROLLERS],
+        "correlation": CORRELATION,
+        "spread": SPREAD,
+        "within": WITHIN,
+        "befores": BEFORE,
+        "wear_nm": WEAR_NM,
+        "delay": _delay,
+    }
 
 
 def _delay(figures, shift, before):
@@ -239,60 +223,39 @@ def draw(welds, figure):
 
 
 def times(welds):
-    """Times to add, to read and to report."""
-    figures = {"welds": welds, "load_before": os.getloadavg()[0]}
-    made = rows(welds, wear_nm=0.01)
+    """Time of a report, and bytes of a weld."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
-        began = time.perf_counter()
-        history.add(folder, made[:-1])
-        figures["add_all_s"] = time.perf_counter() - began
-        began = time.perf_counter()
-        history.add(folder, made[-1:])
-        figures["add_one_more_s"] = time.perf_counter() - began
-        began, cpu = time.perf_counter(), time.process_time()
-        table = history.load(folder)
-        figures["load_s"] = time.perf_counter() - began
-        history_report.write(table, folder / "report.html", "benchmark")
-        figures["load_and_report_s"] = time.perf_counter() - began
-        figures["load_and_report_cpu_s"] = time.process_time() - cpu
-        figures["bytes_per_weld"] = (
-            sum(file.stat().st_size for file in folder.glob("*.parquet")) / welds
-        )
-    return figures
+        history.add(folder, rows(welds, wear_nm=0.01))
+        size = sum(file.stat().st_size for file in folder.glob("*.parquet"))
+        cpu_s = time.process_time()
+        history_report.write(history.load(folder), folder / "report.html", "benchmark")
+        cpu_s = time.process_time() - cpu_s
+    return {
+        "welds": welds,
+        "load_and_report_cpu_s": cpu_s,
+        "bytes_per_weld": size / welds,
+    }
 
 
-def main():
-    """Measure, print a table, write JSON and the page."""
-    arguments = parser(
-        __doc__, "a tenth of the histories and of the welds, no emulated ones, no page"
-    )
-    arguments.add_argument(
-        "--emulated", type=int, default=60, help="emulated welds of each controller (default 60)"
-    )
-    arguments.add_argument(
-        "--folder", type=Path, default=Path("out") / "history", help="keeps their rows"
-    )
-    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
-    arguments.add_argument(
-        "--figure", type=Path, default=FIGURE, help="picture of the charts of emulated welds"
-    )
-    chosen = arguments.parse_args()
-    scale = 10 if chosen.quick else 1
-    figures = signals(HISTORIES // scale)
-    if not chosen.quick:
-        more, welds = of_emulated(chosen.emulated, chosen.folder, HISTORIES)
+def measure(quick):
+    """Figures, and the content of the page; draws its picture."""
+    scale = 10 if quick else 1
+    figures, content = signals(HISTORIES // scale), {}
+    if not quick:
+        more, welds = of_emulated(EMULATED, KEPT, HISTORIES)
         figures |= more
     figures |= times(10_000 // scale)
-    show(figures)
-    save(
-        {name: None if figure == np.inf else figure for name, figure in figures.items()},
-        chosen.json,
-    )
-    if not chosen.quick:
-        write_page(figures, chosen.page)
-        draw(welds[CONTROLLERS[0]], chosen.figure)
+    if not quick:
+        content = content_of(figures)
+        draw(welds[CONTROLLERS[0]], FIGURE)
+    return {key: None if value == np.inf else value for key, value in figures.items()}, content
 
 
 if __name__ == "__main__":
-    main()
+    _benchmark.run(
+        __doc__,
+        "a tenth of the histories and of the welds, no emulated ones, no page",
+        measure,
+        "history",
+    )

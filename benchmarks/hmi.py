@@ -11,23 +11,14 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import sys
+import re
 import tempfile
 import time
 from pathlib import Path
-
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure(dev=True, extras=("hmi",))
-
-import re
 from urllib.request import urlopen
 
+import _benchmark
 from processes import processor_s
-from report import Figures, parser, save, show
 from websockets.asyncio.client import connect
 
 from fsw_control import weld
@@ -98,7 +89,9 @@ async def view(url: str, build: str, ages_s: list[float], token: str = "") -> No
                 ages_s.append(time.time() - json.loads(text)["row"][0])
 
 
-async def watch(url: str, token: str, viewers: int, seconds: float, process: int) -> Figures:
+async def watch(
+    url: str, token: str, viewers: int, seconds: float, process: int
+) -> _benchmark.Figures:
     """Open the pages, and measure for so long when they are open."""
     with urlopen(url) as response:
         found = re.search(r'name="build" content="(\w+)"', response.read().decode())
@@ -127,7 +120,7 @@ async def watch(url: str, token: str, viewers: int, seconds: float, process: int
     }
 
 
-def watch_screen(url: str) -> Figures:
+def watch_screen(url: str) -> _benchmark.Figures:
     """Look at the page in a browser; nothing where there is none."""
     if not CHROMIUM.exists():
         return {}
@@ -144,7 +137,7 @@ def watch_screen(url: str) -> Figures:
     return {"screen_ticks": len(ages_ms), **percentiles, "screen_age_max_ms": ages_ms[-1]}
 
 
-def measure(seconds: float) -> Figures:
+def measure(seconds: float) -> _benchmark.Figures:
     """Run the graph, then watch it with one page and with many, and in a browser."""
     with (
         tempfile.TemporaryDirectory() as text,
@@ -161,7 +154,7 @@ def measure(seconds: float) -> Figures:
         url = wait_for_text(launcher, "hmi", r"http://\S+")
         token = wait_for_text(launcher, "hmi", r"token: \S+").split()[1]
         wait_for_text(launcher, "supervisor", "taking over")
-        figures: Figures = {"load_before": os.getloadavg()[0]}
+        figures: _benchmark.Figures = {"load_before": os.getloadavg()[0]}
         for viewers in (1, VIEWERS):
             figures |= asyncio.run(watch(url, token, viewers, seconds, hmi.process.pid))
         figures |= watch_screen(url)
@@ -169,14 +162,9 @@ def measure(seconds: float) -> Figures:
         return figures
 
 
-def main() -> int:
-    """Run the benchmark."""
-    arguments = parser(__doc__, "5 s each instead of 60 s, but for the browser").parse_args()
-    figures = measure(5.0 if arguments.quick else 60.0)
-    show(figures)
-    save(figures, arguments.json)
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    _benchmark.run(
+        __doc__,
+        "5 s each instead of 60 s, but for the browser",
+        lambda quick: (measure(5.0 if quick else 60.0), {}),
+    )

@@ -8,8 +8,7 @@ that conduct heat, which have another structure: how well does the identified mo
 weld, compared with the paper's? And on plants with other sensors than the model's, with noise that
 is correlated or a thermocouple that lags.
 
-usage: identification.py [--quick] [--foreign | --sensors [KIND ...] | --short | --whole COUNT]
-                         [--json FILE]
+usage: identification.py [--quick] [--part PART ...] [--json FILE]
 """
 
 import json
@@ -18,21 +17,11 @@ import resource
 import statistics
 import sys
 import time
-from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-# one weld on one core
-os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure()
-
+import _benchmark
 import numpy as np
 import yaml
 from identification_welds import MIXED, disturbance, noisy, welded
-from report import parser, save, show
 
 from controller_comparison.processes import RANDOM, SENSING, random_factors
 from fsw_campaign.definition import load
@@ -118,11 +107,7 @@ def errors_of(fit, factors):
 
 def results_of(name, function, jobs):
     """Results of all jobs, on all cores, with the progress."""
-    runs = []
-    for run in on_all_cores(function, jobs):
-        runs.append(run)
-        print(f"{name}: {len(runs)} of {len(jobs)}", file=sys.stderr, flush=True)
-    return runs
+    return _benchmark.counted(on_all_cores(function, jobs), jobs, f"{name}:")
 
 
 def of_undisturbed(drawn):
@@ -222,9 +207,9 @@ def of_whole_welds(drawn):
     }
 
 
-def of_foreign(count):
+def of_foreign(drawn):
     """On how many canisters the identified model predicts better than the paper's, and ratios of the errors (RMS)."""
-    runs = results_of("canister", foreign, range(count))
+    runs = results_of("canister", foreign, range(len(drawn)))
     result = {"foreign_canisters": len(runs)}
     for key in runs[0]:
         ratios = sorted(run[key] for run in runs)
@@ -264,10 +249,10 @@ def over_the_papers(judged, fit, settled):
     return {key: own[key] / papers[key] for key in own}
 
 
-def of_sensors(drawn, kinds=KINDS):
+def of_sensors(drawn):
     """Coverage of all intervals with other sensors, and errors of predictions over those of the paper's model."""
     result = {}
-    for kind in kinds:
+    for kind in KINDS:
         sensors = SENSING.get(kind, {})
         runs = results_of(kind, sensed, [(i, factors, kind) for i, factors in enumerate(drawn)])
         off = deviations_of(runs)
@@ -365,49 +350,31 @@ def prediction_errors(segments, model, settled, lag_s=0.0):
     return found
 
 
+#: what is measured: full and quick number of plants, and the function
+PARTS = {
+    "undisturbed": ((100, 8), of_undisturbed),
+    "disturbed": ((60, 8), of_disturbed),
+    "whole": ((40, 2), of_whole_welds),
+    "foreign": ((12, 2), of_foreign),
+    "sensors": ((12, 2), of_sensors),
+}
+
+
 def main():
     """Measure, print a table, write JSON."""
-    options = parser(
-        __doc__,
-        "8 plants instead of 100, and of 60 that are disturbed; 2 of 12 whole welds and canisters",
-    )
-    options.add_argument(
-        "--foreign", action="store_true", help="only the canisters and the other sensors"
-    )
-    options.add_argument(
-        "--short",
-        action="store_true",
-        help="only the welds of five minutes, undisturbed and disturbed",
-    )
-    options.add_argument(
-        "--sensors", nargs="*", choices=KINDS, metavar="KIND", help="only the other sensors"
-    )
-    options.add_argument("--whole", type=int, metavar="COUNT", help="only whole welds, so many")
+    options = _benchmark.parser(__doc__, "8 plants instead of 100 or 60, 2 instead of 12")
+    options.add_argument("--part", nargs="+", choices=PARTS, default=PARTS, help="only these")
     arguments = options.parse_args()
-    few = 2 if arguments.quick else 12
-    if arguments.foreign or arguments.sensors is not None or arguments.whole is not None:
-        if arguments.whole is not None:
-            result = of_whole_welds(random_factors(arguments.whole, SPANS))
-        else:
-            result = of_foreign(few) if arguments.foreign else {}
-            result |= of_sensors(random_factors(few, SPANS), arguments.sensors or KINDS)
-        show(result)
-        save(result, arguments.json)
-        return
-    drawn = random_factors(8 if arguments.quick else 100, SPANS)
-    result = of_undisturbed(drawn) | of_disturbed(drawn[: 8 if arguments.quick else 60])
-    if not arguments.short:
-        result |= of_whole_welds(drawn[:few]) | of_foreign(few) | of_sensors(drawn[:few])
-    show(result)
-    for name, aim in AIMS.items():
-        found = next(value for key, value in result.items() if key.startswith(f"{name}_median"))
-        print(
-            f"{name:<26} median {found:8.3g}  aim: <= {aim:g}  {'met' if found <= aim else 'MISSED'}"
-        )
-    print(
-        f"{'inside the 95 % intervals':<26} {result['inside_95_percent']:.1f} %  aim: 90 to 98 %"
-    )
-    save(result, arguments.json)
+    result = {}
+    for part in arguments.part:
+        counts, measure = PARTS[part]
+        result |= measure(random_factors(counts[arguments.quick], SPANS))
+    aims = {
+        f"{name}_median_{'s' if name == 'dead_time_s' else 'percent'}": aim
+        for name, aim in AIMS.items()
+    }
+    _benchmark.show(result, aims, "<=")
+    _benchmark.save(result, arguments.json)
 
 
 if __name__ == "__main__":

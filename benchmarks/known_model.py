@@ -1,35 +1,24 @@
 #!/usr/bin/env python3
 """What a perfectly known model, and a bank of filters over models, would gain over the identified one.
 
-usage: known_model.py [--quick] [--json FILE] [--page FILE]
+usage: known_model.py [--quick] [--json FILE]
 
 Random plants that tuned nothing, as they are and with a process that changes in mid-weld.
 """
 
-import os
-import sys
 import tempfile
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from _bootstrap import ensure
-
-    ensure()
-
+import _benchmark
 import numpy as np
 import yaml
 from identification_welds import welded
-from report import parser, save, show
 
 from controller_comparison.processes import random_factors
 from fsw.welds import Weld
-from fsw_analysis.report import templates
 from fsw_control import Command
 from fsw_control.weld import TICK_S
 from fsw_lab.identify import identify
@@ -40,7 +29,6 @@ from fsw_scenario.controllers import make
 from fsw_tuning.standard_cases import CASES, DEFAULT, scenario
 from fsw_tuning.standard_runs import on_all_cores
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "known-model.md"
 #: random ones, of a seed that no tuning and no other page has; the first of them also change
 PLANTS, CHANGING, SEED = 8, 2, 4711
 MODELS = ("paper's", "identified", "bank", "true")
@@ -221,30 +209,19 @@ def table_of(rows):
     return table
 
 
-def main():
-    """Measure, print, write JSON and the page."""
-    arguments = parser(__doc__, "two plants, no page")
-    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
-    chosen = arguments.parse_args()
-    plants = random_factors(2 if chosen.quick else PLANTS, seed=SEED)
+def measure(quick):
+    """Figures, and the content of the page."""
+    plants = random_factors(2 if quick else PLANTS, seed=SEED)
     tasks = [Task(i, factors) for i, factors in enumerate(plants)]
-    rows = []
-    for row in on_all_cores(measured, tasks):
-        rows.append(row)
-        print(f"{len(rows)} of {len(tasks)}", file=sys.stderr, flush=True)
-    table = table_of(rows)
+    table = table_of(_benchmark.counted(on_all_cores(measured, tasks), tasks))
     flat = {
         f"{kind}: {name}: {key}: {word}": value
         for (kind, name), of in table.items()
         for key, both in of.items()
         for word, value in zip(("median", "worst"), both, strict=True)
     }
-    show(flat)
-    save(flat, chosen.json)
-    if not chosen.quick:
-        template = templates(Path(__file__).parent).get_template("known_model.md.j2")
-        chosen.page.write_text(template.render(globals() | {"table": table}), encoding="utf-8")
+    return flat, globals() | {"table": table}
 
 
 if __name__ == "__main__":
-    main()
+    _benchmark.run(__doc__, "two plants, no page", measure, "known-model")

@@ -12,25 +12,17 @@ import json
 import os
 import socket
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure(extras=("machine",))
-
+import _benchmark
 import rclpy
 import yaml
 from processes import processor_s
 from rclpy.context import Context
-from report import Figures, parser, save, show
 
 from fsw_control import messages_ros as convert
 from fsw_control import weld
@@ -81,7 +73,7 @@ def set_points(domain: int) -> Iterator[None]:
     context.try_shutdown()
 
 
-def measure(cycles: int, secure: bool) -> Figures:
+def measure(cycles: int, secure: bool) -> _benchmark.Figures:
     """Run the chain for so many cycles."""
     with (
         tempfile.TemporaryDirectory() as text,
@@ -118,7 +110,7 @@ def measure(cycles: int, secure: bool) -> Figures:
     intervals_ms = [1e3 * (b - a) for a, b in pairwise(measured["begun_s"][window])]
     off_ms = sorted(abs(one - 1e3 * weld.TICK_S) for one in intervals_ms)
     kind = "secure" if secure else "plain"
-    figures: Figures = {
+    figures: _benchmark.Figures = {
         "cycles": len(intervals_ms) + 1,
         "cycles_without_a_command": cycles - len(latencies_ms),
         "cycle_mean_ms": statistics.mean(intervals_ms),
@@ -132,16 +124,11 @@ def measure(cycles: int, secure: bool) -> Figures:
     return {f"{kind}_{name}": value for name, value in figures.items()}
 
 
-def main() -> None:
-    """Measure without and with encryption."""
-    cli = parser(__doc__, "300 cycles instead of 1200")
-    arguments = cli.parse_args()
-    figures: Figures = {}
-    for secure in (False, True):
-        figures |= measure(300 if arguments.quick else 1200, secure)
-    show(figures)
-    save(figures, arguments.json)
+def both(quick: bool) -> tuple[_benchmark.Figures, _benchmark.Figures]:
+    """Figures without and with encryption."""
+    cycles = 300 if quick else 1200
+    return measure(cycles, False) | measure(cycles, True), {}
 
 
 if __name__ == "__main__":
-    main()
+    _benchmark.run(__doc__, "300 cycles instead of 1200", both)

@@ -1,33 +1,23 @@
 #!/usr/bin/env python3
 """The watch within a weld: false alarms, detection delays and cost, on emulated welds without and with faults.
 
-usage: monitor.py [--quick] [--json FILE] [--page FILE] [--calibrate]
+usage: monitor.py [--quick] [--json FILE] [--calibrate]
 
 With ``--calibrate`` it computes the level of alarms instead, from other seeds. Nothing in the
 monitor was set by those of the page. ``monitor_welds.py`` says how the plants are drawn.
 """
 
 import os
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
-from pathlib import Path
 from statistics import NormalDist
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure(extras=("canister",))
-
+import _benchmark
 import numpy as np
 import scipy
 from monitor_welds import CASES, DURATION_S, FAULT_S, IDENTIFIED, PROCESSES, identified, weld
-from report import parser, save, show
 
-from fsw_analysis.report import templates
 from fsw_campaign.report import wilson
 from fsw_control.weld import TICK_S
 from fsw_quality.diagnosis import Estimate, WatchCause
@@ -35,7 +25,6 @@ from fsw_quality.likelihood import default_covariance
 from fsw_quality.monitor import ALARM, LASTS_S, SMOOTHED_S, Monitor
 from fsw_quality.monitor_run import watch
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "monitor.md"
 #: seeds of the welds without a fault, of each fault, and of one that an aim is for by its size
 HEALTHY, FAULTY, AIMED = range(7050, 7100), range(2000, 2003), range(2000, 2006)
 #: of the welds without a fault, those that are also watched by the model of their own machine
@@ -288,28 +277,30 @@ def planned(quick):
 
 def main():
     """Measure, print a table, write JSON and the page."""
-    arguments = parser(__doc__, "few welds, no page")
-    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
+    arguments = _benchmark.parser(__doc__, "few welds, no page")
     arguments.add_argument(
         "--calibrate", action="store_true", help="compute the level of alarms; no page"
     )
     chosen = arguments.parse_args()
     if chosen.calibrate:
-        show(figures := calibrate())
-        save(figures, chosen.json)
+        _benchmark.show(figures := calibrate())
+        _benchmark.save(figures, chosen.json)
         return
-    tasks = planned(chosen.quick)
+    figures, content = content_of(watched(planned(chosen.quick)))
+    _benchmark.show(figures)
+    _benchmark.save(figures, chosen.json)
+    if not chosen.quick:
+        _benchmark.publish("monitor", content)
+
+
+def watched(tasks):
+    """Rows of all welds."""
     with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
-        rows = []
-        for row in pool.map(judged, *zip(*tasks, strict=True)):
-            rows.append(row)
-            print(f"\r{len(rows)} of {len(tasks)} welds", end="", file=sys.stderr, flush=True)
-    print(file=sys.stderr)
-    publish(rows, chosen)
+        return _benchmark.counted(pool.map(judged, *zip(*tasks, strict=True)), tasks, "welds:")
 
 
-def publish(rows, chosen):
-    """Print the figures, save them, and write the page."""
+def content_of(rows):
+    """Figures, and the content of the page."""
     tables = {
         process: {case: summary(rows, process, case, "nominal") for case in CASES}
         for process in PROCESSES
@@ -338,24 +329,19 @@ def publish(rows, chosen):
         for cause, row in causes.items()
         for name, value in row.items()
     }
-    show(figures | flat)
-    save(figures | flat, chosen.json)
-    if not chosen.quick:
-        template = templates(Path(__file__).parent).get_template("monitor.md.j2")
-        text = template.render(
-            figures=figures,
-            tables=tables,
-            aims=aims,
-            identified=IDENTIFIED,
-            of_heat=OF_HEAT,
-            sizes=sizes,
-            level=ALARM,
-            lasts_s=LASTS_S,
-            smoothed_s=SMOOTHED_S,
-            unidentified=default_covariance()[0, 0] ** 0.5,
-            calibrating=len(PROCESSES) * len(CALIBRATING),
-        )
-        chosen.page.write_text(text, encoding="utf-8")
+    return figures | flat, {
+        "figures": figures,
+        "tables": tables,
+        "aims": aims,
+        "identified": IDENTIFIED,
+        "of_heat": OF_HEAT,
+        "sizes": sizes,
+        "level": ALARM,
+        "lasts_s": LASTS_S,
+        "smoothed_s": SMOOTHED_S,
+        "unidentified": default_covariance()[0, 0] ** 0.5,
+        "calibrating": len(PROCESSES) * len(CALIBRATING),
+    }
 
 
 if __name__ == "__main__":

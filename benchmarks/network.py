@@ -28,15 +28,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure()
-
+import _benchmark
 import numpy as np
-from report import Figures, parser, save, show
 
 from fsw.console import ProgressBar
 from fsw_analysis.signals import load_weld
@@ -179,7 +172,7 @@ class TwoComputers(Launcher):
             return super().start(name, module, arguments)
 
 
-def figures_of(bag: Path) -> Figures:
+def figures_of(bag: Path) -> _benchmark.Figures:
     """What came of a weld."""
     weld = load_weld(bag)
     with BagReader(bag) as reader:
@@ -200,7 +193,7 @@ def figures_of(bag: Path) -> Figures:
 
 def weld(
     title: str, cable: Cable, network: Network, scenario: Any, folder: Path, cut: bool = False
-) -> Figures:
+) -> _benchmark.Figures:
     """Weld once; the cable is as it is to be from the beginning."""
     cable.network = network
     graph = WeldGraph(scenario, folder / "weld", ("nmpc",), realtime=True, standby=True)
@@ -223,11 +216,11 @@ def weld(
 
 def main() -> int:
     """Measure, print a table, write JSON; returns the exit code: 1 when a weld did not end."""
-    arguments = parser(__doc__, "a good network and one that loses 5 %").parse_args()
+    arguments = _benchmark.parser(__doc__, "a good network and one that loses 5 %").parse_args()
     os.environ |= SETTINGS
     scenario = load("quick")
     names = ["good", "loses 5 %"] if arguments.quick else list(NETWORKS)
-    figures: Figures = {}
+    figures: _benchmark.Figures = {}
     with (
         two_computers() as cable,
         tempfile.TemporaryDirectory() as scratch,
@@ -238,8 +231,8 @@ def main() -> int:
             bar((index + 1) / (len(names) + 1))
         title = f"cut for {CUT_S:g} s"
         figures |= weld(title, cable, Network(), scenario, Path(scratch) / "cut", cut=True)
-    show(figures)
-    save(figures, arguments.json)
+    _benchmark.show(figures)
+    _benchmark.save(figures, arguments.json)
     return int(any("failed" in name for name in figures))
 
 

@@ -16,7 +16,6 @@ on what its solution costs, or reaches another cost.
 
 from __future__ import annotations
 
-import os
 import statistics
 import sys
 import tempfile
@@ -24,20 +23,10 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure()
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
+import _benchmark
 import numpy as np
-from report import Figures, parser, save, show
 
 from fsw_control import Command, Measurement, Reference, weld
 from fsw_model import STEP_S, ProcessModel, nominal
@@ -53,10 +42,8 @@ from fsw_test_support.nmpc_ipopt import (
     objective,
 )
 from fsw_test_support.nmpc_problems import (
-    make_library,
     predict,
     problem_of,
-    random_problem,
     solve,
     use_solver,
 )
@@ -99,23 +86,21 @@ SAME_COST = 1e-3
 
 def main() -> int:
     """Run all measurements; returns the exit code."""
-    arguments = parser(__doc__, "shorter runs: minutes become seconds")
+    arguments = _benchmark.parser(__doc__, "shorter runs: minutes become seconds")
     arguments.add_argument(
         "--only-ratios", action="store_true", help="only the comparison with other solvers"
     )
     options = arguments.parse_args()
-    figures: Figures = {}
-    for part in (
-        (ratios,) if options.only_ratios else (step_times, ratios, worst_cases, against_converged)
-    ):
+    figures: _benchmark.Figures = {}
+    for part in (ratios,) if options.only_ratios else (step_times, ratios, against_converged):
         print(
             f"{(part.__doc__ or '').splitlines()[0].removesuffix('.')} ...",
             file=sys.stderr,
             flush=True,
         )
         figures |= part(options.quick)
-        save(figures, options.json)
-    show(figures)
+        _benchmark.save(figures, options.json)
+    _benchmark.show(figures)
     others = [
         name
         for name, value in figures.items()
@@ -192,9 +177,9 @@ def make(blocks: int | None = None, **values: Any) -> NmpcController:
         return NmpcController({"tuning_file": tuning.name, **values})
 
 
-def step_times(quick: bool) -> Figures:
+def step_times(quick: bool) -> _benchmark.Figures:
     """CPU time per step in closed loop, with sensor noise."""
-    figures: Figures = {}
+    figures: _benchmark.Figures = {}
     duration_s = WELD_S / 4 if quick else WELD_S
     for name, controller in (
         ("rti", make()),
@@ -295,9 +280,9 @@ class Comparison:
             f"{name} {cost / best - 1.0:+.1e}" for name, cost in costs.items()
         )
 
-    def figures(self) -> Figures:
+    def figures(self) -> _benchmark.Figures:
         """Medians of times, and the largest excesses."""
-        series, figures = self._series, Figures()
+        series, figures = self._series, _benchmark.Figures()
         for key in (
             one for name in RIVAL_NAMES for one in (f"ratio_{name}", f"ratio_{name}_to_tick")
         ):
@@ -354,7 +339,7 @@ class Comparison:
         return float(np.max([np.abs(moves) - largest, reached - high, low - reached] / largest))
 
 
-def ratios(quick: bool) -> Figures:
+def ratios(quick: bool) -> _benchmark.Figures:
     """The same problems by other solvers, with 54 moves of both inputs."""
     controller = make(preset="paper")
     problems = problems_of_weld(controller, quick)
@@ -366,7 +351,7 @@ def ratios(quick: bool) -> Figures:
     return {"ratio_problems": len(problems)} | figures
 
 
-def limits_of_fatrop(controller: NmpcController, problems: list[Any]) -> Figures:
+def limits_of_fatrop(controller: NmpcController, problems: list[Any]) -> _benchmark.Figures:
     """FATROP on the same problems in stages, the same with the tolerance that IPOPT meets, and without stages: medians."""
     library, model = controller.library, controller.settings.model
     cold = np.zeros(2 * library.horizon.n_blocks)
@@ -375,7 +360,7 @@ def limits_of_fatrop(controller: NmpcController, problems: list[Any]) -> Figures
         "strict": FatropSolver(library, model, tolerance=1e-8),
         "unstaged": ReferenceSolver(library, model, method="fatrop", options=UNSTAGED_FATROP),
     }
-    figures: Figures = {}
+    figures: _benchmark.Figures = {}
     for name, solver in ways.items():
         iterations, cpu_s, unsolved = [], [], 0
         for problem in problems:
@@ -391,13 +376,13 @@ def limits_of_fatrop(controller: NmpcController, problems: list[Any]) -> Figures
     return figures
 
 
-def against_converged(quick: bool) -> Figures:
+def against_converged(quick: bool) -> _benchmark.Figures:
     """Closed loop of the library's solver against the converged nonlinear problem (cold IPOPT at every tick)."""
 
     def iae(rows: Vector, column: int) -> float:
         return float(0.1 * np.abs(rows[:, column] - rows[:, column + 2]).sum())
 
-    figures: Figures = {}
+    figures: _benchmark.Figures = {}
     for preset, ending, duration_s in (("default", "", 120.0), ("paper", "_paper", 60.0)):
         length_s = duration_s / (10 if quick else 1)
 
@@ -419,36 +404,6 @@ def against_converged(quick: bool) -> Figures:
             f"nlp_failures{ending}": converged.library.output.bad_cycles,
         }
     return figures
-
-
-def worst_cases(quick: bool) -> Figures:
-    """Random states and weights of the whole working range, and set-points out of reach."""
-    rng, cold = np.random.default_rng(3), np.zeros(40)
-    library = make_library(20)
-    iterations, cpu_s, unsolved = [], [], 0
-    for _ in range(1_000 if quick else 100_000):
-        problem = random_problem(rng, library, nominal())
-        began = time.thread_time()
-        status, _, _, _ = solve(library, problem, cold)
-        cpu_s.append(time.thread_time() - began)
-        iterations.append(library.output.iterations)
-        unsolved += status is not SolveStatus.OK
-    stress = make()
-
-    def out_of_reach(time_s: float) -> Reference:
-        side = 1.0 if int(time_s / 25.0) % 2 else -1.0
-        return Reference(weld.DEPTH_MM + 0.5 * side, weld.TEMPERATURE_C + 50.0 * side)
-
-    close_loop(stress, out_of_reach, WELD_S / 4 if quick else WELD_S, noise=1.0)
-    return {
-        "random_states": len(iterations),
-        "random_unsolved": unsolved,
-        "random_worst_iterations": max(iterations),
-        "random_worst_solve_ms": 1e3 * max(cpu_s),
-        "random_p999_solve_ms": 1e3 * float(np.quantile(cpu_s, 0.999)),
-        "stress_failures": stress.library.output.bad_cycles,
-        "kernel_bytes": library.bytes,
-    }
 
 
 if __name__ == "__main__":

@@ -13,24 +13,13 @@ available here.
 
 from __future__ import annotations
 
-import os
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure()
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
+import _benchmark
 import numpy as np
 from nmpc import WELD_S, close_loop, make, reference_at
-from report import Figures, parser, save, show
 
 from fsw_nmpc.library import Library, SolveStatus, Vector
 from fsw_test_support.nmpc_acados import Acados, AcadosSolver, install
@@ -75,9 +64,9 @@ class SideBySide:
         return answers[self._applied]
 
 
-def compare(acados: Acados, quick: bool) -> Figures:
+def compare(acados: Acados, quick: bool) -> _benchmark.Figures:
     """Two closed loops: with the library's plans applied, and with acados'."""
-    figures: Figures = {}
+    figures: _benchmark.Figures = {}
     duration_s = WELD_S / 8 if quick else WELD_S
     compiled = None
     for applied in ("own", "hpipm"):
@@ -112,7 +101,7 @@ def compare(acados: Acados, quick: bool) -> Figures:
     return figures | {"ticks": len(solver.own_s)}
 
 
-def of_times(name: str, times_s: list[float]) -> Figures:
+def of_times(name: str, times_s: list[float]) -> _benchmark.Figures:
     """Median and 99th percentile."""
     times_ms = 1e3 * np.array(times_s[_TICKS_LEFT_OUT:])
     return {
@@ -123,14 +112,14 @@ def of_times(name: str, times_s: list[float]) -> Figures:
 
 def main() -> int:
     """Run the comparison; returns the exit code."""
-    options = parser(__doc__, "half a minute of weld instead of four").parse_args()
+    options = _benchmark.parser(__doc__, "half a minute of weld instead of four").parse_args()
     folder = install()
     if isinstance(folder, str):
         print(f"acados not measured: {folder}", file=sys.stderr)
         return 3
     figures = compare(Acados(folder), options.quick)
-    save(figures, options.json)
-    show(figures)
+    _benchmark.save(figures, options.json)
+    _benchmark.show(figures)
     return int(any(value for name, value in figures.items() if name.endswith("_fallbacks")))
 
 

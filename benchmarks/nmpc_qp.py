@@ -18,29 +18,18 @@ difference to the best. The exit code is 1 if the library's own solution is not 
 
 from __future__ import annotations
 
-import os
 import statistics
 import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure()
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
+import _benchmark
 import casadi as ca
 import numpy as np
 from nmpc import make, problems_of_weld
-from report import Figures, parser, save, show
 
 from fsw_nmpc.library import KERNEL, Library, SolveStatus, Vector, pointer
 from fsw_test_support.nmpc_ipopt import (
@@ -218,7 +207,7 @@ def median_s(function: Callable[[], Any]) -> float:
     return statistics.median(times)
 
 
-def compare(preset: str, quick: bool) -> Figures:
+def compare(preset: str, quick: bool) -> _benchmark.Figures:
     """All solvers on the problems of a weld with a preset's cost."""
     controller = make(preset=preset)
     library = controller.library
@@ -260,7 +249,7 @@ def compare(preset: str, quick: bool) -> Figures:
         series["own_ms"].append(1e3 * own_s)
         series["prediction_ms"].append(1e3 * prediction_s)
         print(f"  {preset}: problem {number} of {len(problems)}", file=sys.stderr, flush=True)
-    figures: Figures = {f"{preset}_problems": len(problems)}
+    figures: _benchmark.Figures = {f"{preset}_problems": len(problems)}
     for key, values in series.items():
         figures[f"{preset}_{key}"] = (
             max(values) if key.startswith("excess_") else statistics.median(values)
@@ -270,12 +259,12 @@ def compare(preset: str, quick: bool) -> Figures:
 
 def main() -> int:
     """Run the comparison; returns the exit code."""
-    options = parser(__doc__, "four problems a preset instead of twenty").parse_args()
-    figures: Figures = {}
+    options = _benchmark.parser(__doc__, "four problems a preset instead of twenty").parse_args()
+    figures: _benchmark.Figures = {}
     for preset in ("default", "paper"):
         figures |= compare(preset, options.quick)
-        save(figures, options.json)
-    show(figures)
+        _benchmark.save(figures, options.json)
+    _benchmark.show(figures)
     return int(any(figures[f"{preset}_excess_own"] > SAME_COST for preset in ("default", "paper")))
 
 

@@ -1,30 +1,18 @@
 #!/usr/bin/env python3
 """The paper's five statements about its Figs. 6 to 9: whether each holds, and by which number, per controller.
 
-usage: paper_statements.py [--quick] [--json FILE] [--page FILE]
+usage: paper_statements.py [--quick] [--json FILE]
 
 The cases are those of the comparison of controllers, without noise, on the model's own process.
 """
 
-import os
-import sys
 from collections.abc import Mapping
-from pathlib import Path
 from typing import NamedTuple
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from _bootstrap import ensure
-
-    ensure()
-
+import _benchmark
 import numpy as np
-from report import parser, save, show
 
 from controller_comparison.study import CORRIDORS, paper_with
-from fsw_analysis.report import templates
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.weld import TICK_S
 from fsw_tuning.standard_cases import (
@@ -38,7 +26,6 @@ from fsw_tuning.standard_cases import (
 )
 from fsw_tuning.standard_runs import Job, on_all_cores, weld
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "paper-statements.md"
 #: time after an event that is judged: until the next one
 AFTER_S = 40.0
 #: smaller reversals of the speed do not count: the largest move of a tick
@@ -159,12 +146,9 @@ def run(label: str, parameters: dict[str, str]) -> dict[str, float]:
     return figures(courses)
 
 
-def main() -> None:
-    """Measure, print, write JSON and the page."""
-    arguments = parser(__doc__, "the presets paper and default and one rival, no page")
-    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
-    chosen = arguments.parse_args()
-    labels = ("nmpc:paper", DEFAULT, CONSERVATIVE) if chosen.quick else LABELS
+def measure(quick: bool) -> tuple[_benchmark.Figures, Mapping[str, object]]:
+    """Figures, and the content of the page."""
+    labels = ("nmpc:paper", DEFAULT, CONSERVATIVE) if quick else LABELS
     found = dict(zip(labels, on_all_cores(measured, labels), strict=True))
     judged = {label: answers(own, found[CONSERVATIVE]) for label, own in found.items()}
     flat = {
@@ -172,13 +156,13 @@ def main() -> None:
         for label in labels
         for key, value in (found[label] | judged[label]).items()
     }
-    show(flat)
-    save(flat, chosen.json)
-    if not chosen.quick:
-        template = templates(Path(__file__).parent).get_template("paper_statements.md.j2")
-        text = template.render(globals() | {"found": found, "judged": judged})
-        chosen.page.write_text(text, encoding="utf-8")
+    return flat, globals() | {"found": found, "judged": judged}
 
 
 if __name__ == "__main__":
-    main()
+    _benchmark.run(
+        __doc__,
+        "the presets paper and default and one rival, no page",
+        measure,
+        "paper-statements",
+    )

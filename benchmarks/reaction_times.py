@@ -18,17 +18,9 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from math import inf, nan
-from pathlib import Path
 from typing import Any
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure()
-
-from report import Figures, parser, save
+import _benchmark
 
 from fsw_control.contract import Command, Limits, Proposal
 from fsw_control.host import answer
@@ -264,7 +256,7 @@ def _run(case: Fault, seed: int, protected: bool) -> _Outcome:
     return outcome
 
 
-def measured(case: Fault, seeds: Sequence[int] = SEEDS) -> Figures:
+def measured(case: Fault, seeds: Sequence[int] = SEEDS) -> _benchmark.Figures:
     """The row of a fault: the slowest reaction, and the soonest that a limit is passed."""
     with_, without = (
         [_run(case, seed, protected) for seed in seeds] for protected in (True, False)
@@ -294,7 +286,7 @@ def measured(case: Fault, seeds: Sequence[int] = SEEDS) -> Figures:
 
 def main() -> int:
     """Measure all faults, print a table and write the JSON."""
-    arguments = parser(__doc__, "one seed instead of three").parse_args()
+    arguments = _benchmark.parser(__doc__, "one seed instead of three").parse_args()
     seeds = SEEDS[:1] if arguments.quick else SEEDS
     rows = []
     for case in FAULTS:
@@ -308,7 +300,7 @@ def main() -> int:
             row["by"],
             flush=True,
         )
-    save({"horizon_s": HORIZON_S, "seeds": len(seeds), "rows": rows}, arguments.json)
+    _benchmark.save({"horizon_s": HORIZON_S, "seeds": len(seeds), "rows": rows}, arguments.json)
     return 0
 
 

@@ -1,41 +1,29 @@
 #!/usr/bin/env python3
 """Coarse or noisy sensors and slow drives: the NMPC with and without what identification sees of them.
 
-usage: rough_machine.py [--quick] [--json FILE] [--page FILE]
+usage: rough_machine.py [--quick] [--json FILE]
 
 Each machine is welded once for its identification; the controllers then weld the standard cases.
 """
 
-import os
-import sys
 import tempfile
 from math import nan
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from _bootstrap import ensure
-
-    ensure()
-
+import _benchmark
 import numpy as np
 from identification_welds import welded
-from report import parser, save, show
 
 from controller_comparison.processes import random_factors
 from fsw.welds import Weld
 from fsw_analysis.kpi import compute
-from fsw_analysis.report import templates
 from fsw_lab.identify import identify
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make, name_of
 from fsw_tuning.standard_cases import CASES, CONSERVATIVE, DEFAULT, TIGHT, scenario
 from fsw_tuning.standard_runs import JUDGED, on_all_cores
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "rough-machines.md"
 #: a third of the rates that the controllers take the drives to have
 SLOW = {"limits.force_rate_kn_per_s": 10.0 / 3.0, "limits.speed_rate_rpm_per_s": 10.0}
 NOISY = {
@@ -140,13 +128,10 @@ def figures(rows):
     return table
 
 
-def main():
-    """Measure, print, write JSON and the page."""
-    arguments = parser(__doc__, "noise and slow drives on one plant, no page")
-    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
-    chosen = arguments.parse_args()
-    kinds = ("noise × 4", "drives a third as fast") if chosen.quick else KINDS
-    plants = random_factors(1 if chosen.quick else PLANTS)
+def measure(quick):
+    """Figures, and the content of the page."""
+    kinds = ("noise × 4", "drives a third as fast") if quick else KINDS
+    plants = random_factors(1 if quick else PLANTS)
     tasks = [Task(kind, i, factors) for kind in kinds for i, factors in enumerate(plants)]
     table = figures(list(on_all_cores(measured, tasks)))
     flat = {
@@ -154,12 +139,10 @@ def main():
         for (kind, name), values in table.items()
         for key, value in values.items()
     }
-    show(flat)
-    save(flat, chosen.json)
-    if not chosen.quick:
-        template = templates(Path(__file__).parent).get_template("rough_machine.md.j2")
-        chosen.page.write_text(template.render(globals() | {"table": table}), encoding="utf-8")
+    return flat, globals() | {"table": table}
 
 
 if __name__ == "__main__":
-    main()
+    _benchmark.run(
+        __doc__, "noise and slow drives on one plant, no page", measure, "rough-machines"
+    )

@@ -15,13 +15,6 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure()
-
 from nmpc_acados import QPS
 
 from fsw_analysis.figure_style import legend_below, looks_of, sheet

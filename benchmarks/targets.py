@@ -18,15 +18,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    from _bootstrap import ensure
-
-    ensure(dev=True)
-
+import _benchmark
 import numpy as np
-from report import parser, save, show
 
 from fsw.main import main as fsw
 from fsw_export.targets import results_page
@@ -90,7 +83,7 @@ def measure(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
 
 def main() -> int:
     """Measure, print and, if asked to, publish."""
-    arguments = parser(__doc__, "Cortex-M7 only")
+    arguments = _benchmark.parser(__doc__, "Cortex-M7 only")
     arguments.add_argument(
         "--publish", action="store_true", help="also write the shipped figures and docs/results"
     )
@@ -103,8 +96,8 @@ def main() -> int:
         for t, one in by.items()
         for k, v in one.items()
     }
-    show({key: value for key, value in flat.items() if not isinstance(value, str)})
-    save(flat, given.json)
+    _benchmark.show({key: value for key, value in flat.items() if not isinstance(value, str)})
+    _benchmark.save(flat, given.json)
     if given.publish:
         PUBLISHED.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
         PAGE.write_text(results_page(found), encoding="utf-8")

@@ -1,31 +1,18 @@
 #!/usr/bin/env python3
 """How the model of a machine gets better from weld to weld: identification with the last weld's estimate as the prior.
 
-usage: weld_to_weld.py [--quick] [--json FILE] [--page FILE]
+usage: weld_to_weld.py [--quick] [--json FILE]
 
 Random machines, each with a series of short ordinary welds between which its process changes a little.
 """
 
-import os
-import sys
-from pathlib import Path
-
-sys.path.append(str(Path(__file__).resolve().parent.parent / "scripts"))
-
-if __name__ == "__main__":
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    from _bootstrap import ensure
-
-    ensure()
-
+import _benchmark
 import numpy as np
 import yaml
 from identification import SPANS
-from report import parser, save, show
 
 from controller_comparison.processes import random_factors
 from fsw.welds import Weld
-from fsw_analysis.report import templates
 from fsw_identification.prior import STEP
 from fsw_identification.summary import STRANGE
 from fsw_lab.identify import identify
@@ -35,7 +22,6 @@ from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import content_of, parse, text_of
 from fsw_tuning.standard_runs import on_all_cores
 
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "weld-to-weld.md"
 MACHINES, WELDS, SEED = 8, 8, 1947  #: of a seed that nothing else has
 AFTER = (1, 2, 4, 8)  #: welds, of which the page has the errors
 #: end of the joint line of a weld; a whole one ends at 380 degrees and takes 45 minutes
@@ -122,19 +108,12 @@ def figures(runs):
     return found
 
 
-def main():
-    """Measure, print, write JSON and the page."""
-    arguments = parser(__doc__, "one machine, no page")
-    arguments.add_argument("--page", type=Path, default=PAGE, help="page of the results")
-    chosen = arguments.parse_args()
-    drawn = random_factors(1 if chosen.quick else MACHINES, SPANS, seed=SEED)
+def measure(quick):
+    """Figures, and the content of the page."""
+    drawn = random_factors(1 if quick else MACHINES, SPANS, seed=SEED)
     found = figures(list(on_all_cores(series, list(enumerate(drawn)))))
-    show(found)
-    save(found, chosen.json)
-    if not chosen.quick:
-        template = templates(Path(__file__).parent).get_template("weld_to_weld.md.j2")
-        chosen.page.write_text(template.render(globals() | {"found": found}), encoding="utf-8")
+    return found, globals() | {"found": found}
 
 
 if __name__ == "__main__":
-    main()
+    _benchmark.run(__doc__, "one machine, no page", measure, "weld-to-weld")

@@ -72,9 +72,8 @@ def realistic_welds() -> None:
 
 
 def canister() -> None:
-    """``canister`` and ``canister-verdict``, from the numbers of their pages."""
+    """``canister``, from the numbers of its page."""
     canisters.draw(_recorded("canister_tables"), RESULTS / "canister.png")
-    canisters.draw_shares(_recorded("canister-verdict_tables"), RESULTS / "canister-verdict.png")
 
 
 def campaign() -> None:

@@ -4,4 +4,4 @@
 from _bootstrap import start
 
 if __name__ == "__main__":
-    start("weld_series.command", ("canister", "history", "signing", "pdf"))
+    start("weld_series.command", ("canister", "history", "pdf"))

@@ -116,7 +116,7 @@ def refusal(text: str) -> str | None:
     for module in re.findall(r'(?<!\.)start\("([\w.]+)"', source):
         source += Path(str(importlib.util.find_spec(module).origin)).read_text(encoding="utf-8")
     if script.parent.name == "benchmarks":
-        source += (script.parent / "report.py").read_text(encoding="utf-8")
+        source += (script.parent / "_benchmark.py").read_text(encoding="utf-8")
     known = ("--help",) if script.name.startswith("run_") else ()
     unknown = [
         word
@@ -296,7 +296,6 @@ _GENERATED = {
     "campaign",
     "campaign_worst",
     "canister",
-    "canister-verdict",
     "corridors",
     "first-hour",
     "history",

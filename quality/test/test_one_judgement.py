@@ -87,13 +87,13 @@ def weld_of(spoil: Callable[[WeldSignals], None], procedure: bool = True) -> Wel
 
 def states(weld: WeldSignals) -> list[str]:
     """State of the programme at each tick."""
-    found = np.full(weld.n_ticks, "running", object)
+    by_tick = np.full(weld.n_ticks, "running", object)
     for event in weld.events:
         if event.kind == "weld":
-            found[weld.time_s >= event.time_s - 1e-6] = {"resumed": "running"}.get(
+            by_tick[weld.time_s >= event.time_s - 1e-6] = {"resumed": "running"}.get(
                 event.subject, event.subject
             )
-    return list(found)
+    return list(by_tick)
 
 
 def live(weld: WeldSignals, book: RuleBook) -> LiveWeld:
@@ -177,7 +177,7 @@ def test_record_and_pages_say_the_same_of_a_weld(
     of_record = outside(record)
     assert outside(running) == of_record and recorded["marks"] == frame["marks"]
     assert len(recorded["marks"]) == len(of_record) + len(record.unusable_at)
-    assert ("frozen" in {one.flaw for one in record.unusable_at}) == (spoil is frozen)
+    assert ("frozen" in {sample.flaw for sample in record.unusable_at}) == (spoil is frozen)
     own = {(rule.name, rule.subject, str(rule.data)): rule.verdict for rule in record.rules}
     assert {
         (rule.name, rule.subject, str(rule.data)): rule.verdict for rule in running.rules

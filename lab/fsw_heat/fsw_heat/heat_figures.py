@@ -1,15 +1,14 @@
-"""Figure and film of the heat in a canister: the outer surface unrolled, the section at the tool, and curves."""
+"""Figure of the heat in a canister: the outer surface unrolled, the section at the tool, and curves."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
@@ -68,9 +67,7 @@ _CLAMP: dict[str, Any] = {
 #: section about the tool
 _FIRST_DEG, _LOWEST_MM = -60.0, -400.0
 _SECTION_MM, _INWARD_MM, _OUTWARD_MM = (-165.0, 10.0), 60.0, 35.0
-FILM_FRAMES, FILM_FPS = 200, 8
-#: points a figure has in its surface and in each part of its section; a film has half in each
-#: direction
+#: points of the surface, and of each part of the section
 _SURFACE, _SECTION = (481, 97), (21, 121)
 
 
@@ -119,43 +116,6 @@ def draw_heat(picture: HeatPicture, moments_s: Sequence[float], path: Path) -> N
         legend_below(figure, curves[:1])
 
 
-def can_film(path: Path) -> bool:
-    """Whether this machine can write such a film: a GIF, or by ffmpeg an MP4."""
-    return path.suffix.lower() == ".gif" or bool(FFMpegWriter.isAvailable())
-
-
-def film_heat(
-    picture: HeatPicture, path: Path, progress: Callable[[float], None] | None = None
-) -> None:
-    """Film the weld in quick motion: a GIF, or an MP4 by ffmpeg, by the name's ending. ``progress`` gets the share."""
-    history = picture.history
-    times_s = np.linspace(0.0, history.kept_s[-1], FILM_FRAMES)
-    writer = (PillowWriter if path.suffix.lower() == ".gif" else FFMpegWriter)(fps=FILM_FPS)
-    with sheet(12.0, 5.3, dpi=80) as figure:
-        grid = figure.add_gridspec(3, 2, width_ratios=(2.7, 1.0), height_ratios=(1.8, 1.0, 0.8))
-        fields = (figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1]))
-        curves = [figure.add_subplot(grid[i, :]) for i in (1, 2)]
-        _draw_curves(curves, picture)
-        cursors = [axis.axvline(0.0, color="black", linewidth=1.2) for axis in curves]
-        _add_scale(figure, fields, _LABELLED_C[::2])
-        legend_below(figure, curves[:1])
-        with writer.saving(figure, str(path), figure.dpi):
-            for i, time_s in enumerate(times_s):
-                at_s, state = history.at(time_s)
-                for axis in fields:
-                    axis.clear()
-                _draw_fields(fields, history, state, _when(picture, at_s), coarse=2)
-                _label_below(fields)
-                for cursor in cursors:
-                    cursor.set_xdata([at_s / 60.0] * 2)
-                figure.suptitle(picture.title, fontsize=12.0, fontweight="bold")
-                writer.grab_frame()
-                if i == 0:
-                    figure.set_layout_engine("none")  # nothing moves from frame to frame
-                if progress is not None:
-                    progress((i + 1) / FILM_FRAMES)
-
-
 def _when(picture: HeatPicture, at_s: float) -> str:
     """A moment in words: time, phase, stir zone, power."""
     history = picture.history
@@ -195,13 +155,12 @@ def _draw_fields(
     history: HeatHistory,
     state: CanisterState,
     title: str,
-    coarse: int = 1,
 ) -> None:
     """The outer surface unrolled, and the section at the tool, its outer surface on top."""
     surface, section = axes
     p = history.canister.parameters
-    _draw_surface(surface, history, state, coarse)
-    _draw_section(section, history, state, coarse)
+    _draw_surface(surface, history, state)
+    _draw_section(section, history, state)
     surface.set_title(title, loc="left", fontsize=10.0)
     section.set_title("section at the tool", loc="left", fontsize=10.0)
     surface.set_ylabel("height [mm]")
@@ -217,9 +176,9 @@ def _label_below(axes: tuple[Axes, Axes]) -> None:
     axes[1].set_xlabel("height above the joint line [mm]")
 
 
-def _draw_surface(axis: Axes, history: HeatHistory, state: CanisterState, coarse: int) -> None:
+def _draw_surface(axis: Axes, history: HeatHistory, state: CanisterState) -> None:
     p = history.canister.parameters
-    across, up = (1 + (size - 1) // coarse for size in _SURFACE)
+    across, up = _SURFACE
     degrees, height = (
         np.linspace(_FIRST_DEG, _FIRST_DEG + 360.0, across),
         np.linspace(max(_LOWEST_MM, -p.tube_mm), p.rim_mm, up),
@@ -241,7 +200,7 @@ def _draw_surface(axis: Axes, history: HeatHistory, state: CanisterState, coarse
     axis.set_ylim(height[0], height[-1])
 
 
-def _draw_section(axis: Axes, history: HeatHistory, state: CanisterState, coarse: int) -> None:
+def _draw_section(axis: Axes, history: HeatHistory, state: CanisterState) -> None:
     p = history.canister.parameters
     low, high = max(_SECTION_MM[0], -p.tube_mm), p.rim_mm + _SECTION_MM[1]
     outer, inner = p.outer_radius_mm, p.outer_radius_mm - p.wall_mm
@@ -249,7 +208,7 @@ def _draw_section(axis: Axes, history: HeatHistory, state: CanisterState, coarse
     if p.shape == "cylinder" and p.lid_mm > 0.0:
         inmost = inner - _INWARD_MM
         parts.append((inner - _INWARD_MM, inner, p.lid_from_mm, p.lid_from_mm + p.lid_mm))
-    deep, wide = (1 + (size - 1) // coarse for size in _SECTION)
+    deep, wide = _SECTION
     for r_low, r_high, z_low, z_high in parts:
         r, z = np.linspace(r_low, r_high, deep), np.linspace(z_low, z_high, wide)
         field_c = history.canister.temperature_c(state, r[:, None], state.angle_rad, z)
@@ -274,8 +233,8 @@ def _isotherms(axis: Axes, x: Any, y: Any, field_c: Any, labelled: Sequence[floa
     axis.clabel(lines, [t_c for t_c in labelled if t_c in lines.levels], fontsize=6.0, fmt="%g")
 
 
-def _add_scale(figure: Figure, axes: Sequence[Axes], ticks: Sequence[float] = _LABELLED_C) -> None:
+def _add_scale(figure: Figure, axes: Sequence[Axes]) -> None:
     mapped = matplotlib.cm.ScalarMappable(norm=_NORM, cmap=_COLOURS)
-    scale = figure.colorbar(mapped, ax=list(axes), ticks=ticks, fraction=0.02, pad=0.01)
+    scale = figure.colorbar(mapped, ax=list(axes), ticks=_LABELLED_C, fraction=0.02, pad=0.01)
     scale.set_label("copper [°C]")
     scale.ax.tick_params(labelsize=7.0)

@@ -1,4 +1,4 @@
-"""``fsw.py canister``: the heat of a weld in the canister, as table, figure, film, VTK files and thermocouples."""
+"""``fsw.py canister``: the heat of a weld in the canister, as table, figure, VTK files and thermocouples."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _ONLY_WITHOUT_BAG = ("power", "scenario", "canister")
 
 @command(
     "canister",
-    "heat of a weld in the canister: table, figure, film, VTK files, thermocouples",
+    "heat of a weld in the canister: table, figure, VTK files, thermocouples",
     option(
         "bag",
         nargs="?",
@@ -69,7 +69,6 @@ _ONLY_WITHOUT_BAG = ("power", "scenario", "canister")
     ),
     file("--csv", "table over time (default out/<date>_canister/heat.csv)"),
     picture("--figure", "surface, section and curves in one figure"),
-    file("--film", "film of the weld, .gif, or .mp4 where ffmpeg is installed"),
     file("--vtk", "temperatures of the whole geometry for ParaView", "DIR"),
     FORCE,
     description="Compute the heat of a weld in the canister, by conduction: of a constant power along the tool's "
@@ -100,14 +99,7 @@ def _check(arguments: argparse.Namespace) -> None:
         raise CommandError(
             f"canister: --{given[0]} does not go with a bag, which has power, path and canister itself"
         )
-    if arguments.film is not None:
-        if arguments.film.suffix.lower() not in (".gif", ".mp4"):
-            raise CommandError(f"--film {arguments.film}: the name must end in .gif or .mp4")
-        if not heat_figures.can_film(arguments.film):
-            raise CommandError(
-                f"--film {arguments.film}: ffmpeg is not installed; install it or give a name in .gif"
-            )
-    check_new([arguments.csv, arguments.figure, arguments.film], arguments.force)
+    check_new([arguments.csv, arguments.figure], arguments.force)
     arguments.probe = [_probe(text) for text in arguments.probe]
 
 
@@ -154,9 +146,9 @@ def _computed(
         except InputError as error:
             raise CommandError(f"--probe {text}: {error}") from None
     if arguments.vtk is not None:
-        outputs = (arguments.csv, arguments.figure, arguments.film)
+        outputs = (arguments.csv, arguments.figure)
         new_folder(arguments, "canister", "--vtk", outputs)
-    elsewhere = arguments.probe or arguments.figure or arguments.film or arguments.vtk
+    elsewhere = arguments.probe or arguments.figure or arguments.vtk
     parameters = weld.parameters.changed(tolerance_k=_FINE_K) if elsewhere else weld.parameters
     with ProgressBar("heat conduction in the canister") as bar:
         canister = load_or_reduce(parameters, progress=lambda share, _: bar(share))
@@ -193,25 +185,14 @@ def _pictures(
 ) -> list[str]:
     """Write what is wanted; what each file has, in words."""
     words = []
-    if arguments.figure is not None or arguments.film is not None:
+    if arguments.figure is not None:
         named = {probe.words: values for probe, values in probes.items()}
-        picture = heat_figures.HeatPicture(
-            history, weld.phases, f"Heat in the canister: {weld.name}", named
-        )
-        if arguments.figure is not None:
-            arguments.figure.parent.mkdir(parents=True, exist_ok=True)
-            heat_figures.draw_heat(picture, moments_s, arguments.figure)
-            words.append(
-                f"{arguments.figure}: the canister at {', '.join(f'{at_s:.0f}' for at_s in moments_s)} s"
-            )
-        if arguments.film is not None:
-            with ProgressBar("film") as bar:
-                write_whole(
-                    arguments.film, lambda part: heat_figures.film_heat(picture, part, bar)
-                )
-            words.append(
-                f"{arguments.film}: film of {heat_figures.FILM_FRAMES / heat_figures.FILM_FPS:.0f} s"
-            )
+        title = f"Heat in the canister: {weld.name}"
+        picture = heat_figures.HeatPicture(history, weld.phases, title, named)
+        arguments.figure.parent.mkdir(parents=True, exist_ok=True)
+        heat_figures.draw_heat(picture, moments_s, arguments.figure)
+        times = ", ".join(f"{at_s:.0f}" for at_s in moments_s)
+        words.append(f"{arguments.figure}: the canister at {times} s")
     if arguments.vtk is not None:
         files = write_vtk(history, moments_s, arguments.vtk)
         words.append(f"{files[0]}: {len(files) - 1} moments, for ParaView")

@@ -45,10 +45,10 @@ Verdict = Literal["open", "done", "failed", "refused"]
 
 
 class Row(Model):
-    """A quantity, what was found, what is permitted, and whether it is."""
+    """A quantity, its value, what is permitted, and whether it is."""
 
     what: str
-    found: str
+    value: str
     limit: str
     good: bool
 
@@ -150,7 +150,7 @@ class Session:
         self.course = self.course.after(step, outcome)
         self.save(self.course)
         for row in outcome.rows:
-            self.say(f"   {'  ' if row.good else '! '}{row.what}: {row.found} ({row.limit})")
+            self.say(f"   {'  ' if row.good else '! '}{row.what}: {row.value} ({row.limit})")
         if outcome.verdict != "open":
             self.say(f"   {step}: {outcome.verdict}{f', {outcome.note}' if outcome.note else ''}")
 
@@ -248,7 +248,7 @@ def _commanded(by: str, ticks: int, held: Sequence[str]) -> Row:
 
 
 def _row(what: str, value: str, limit: str, good: Any) -> Row:
-    return Row(what=what, found=value, limit=limit, good=bool(good))
+    return Row(what=what, value=value, limit=limit, good=bool(good))
 
 
 def _mean(values: Sequence[float]) -> float:
@@ -422,7 +422,7 @@ def write_report(course: Course, path: Any, origin: str) -> None:
             lines.append(f"\n{outcome.note}\n")
         if outcome.rows:
             rows = [
-                (row.what, row.found, row.limit, "" if row.good else "not met")
+                (row.what, row.value, row.limit, "" if row.good else "not met")
                 for row in outcome.rows
             ]
             lines.append(f"\n{table([('', 'found', 'limit', ''), *rows], words=None)}\n")

@@ -34,7 +34,7 @@ from fsw_model import MachineData, ModelParameters
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 
-BAD = Row(what="noise", found="1", limit="0", good=False)
+BAD = Row(what="noise", value="1", limit="0", good=False)
 
 
 class Script:
@@ -206,7 +206,7 @@ def test_uncertain_model_fails_its_identification():
 def test_a_model_that_tuning_cannot_try_fails_its_identification():
     strange = ModelParameters().changed(depth_zero_s=1.65)
     [row] = [row for row in identify_rows(strange, {}) if row.what == "depth_zero_s"]
-    assert not row.good and row.found.startswith("0.056 ") and row.limit.startswith("0.1 to 10; ")
+    assert not row.good and row.value.startswith("0.056 ") and row.limit.startswith("0.1 to 10; ")
 
 
 def test_the_nmpc_has_the_margins_of_the_tight_tuning():
@@ -225,7 +225,7 @@ def test_the_nmpc_has_the_margins_of_the_tight_tuning():
     rows = margin_rows(measured, least, ModelParameters())
     assert [row.good for row in rows] == [True, True, True, False]
     assert rows[3].what.startswith("nmpc: ") and "temperature, delay" in rows[3].what
-    assert rows[3].found == "5.7 s"
+    assert rows[3].value == "5.7 s"
     assert "> 8" in rows[0].limit and "decentral:tight" in rows[0].limit
 
 
@@ -235,7 +235,7 @@ def test_acceptance_is_measured_against_what_the_model_predicts():
     good = accept_rows(
         {"iae_depth_mm_s": 1.3, "iae_temperature_c_s": 90.0}, predicted, commands, "nmpc"
     )
-    assert good[0].found == "99.0 %, stalled"
+    assert good[0].value == "99.0 %, stalled"
     assert len(good) == 3 and all(row.good for row in good)
     bad = accept_rows(
         {"iae_depth_mm_s": 1.4, "iae_temperature_c_s": None}, predicted, commands, "decentral"
@@ -296,6 +296,8 @@ def test_the_nmpc_gets_what_the_experiment_shows_of_the_machine(tmp_path, monkey
     work = commission.Work(Arguments)
     work.identify()
     work.tune()
+    tuning = (tmp_path / "tuned" / "decentral_conservative.yaml").read_text()
+    assert tuning.startswith("# Origin: model.yaml, SHA-256 ")
     content = yaml.safe_load((tmp_path / "tuned" / "nmpc.yaml").read_text())
     parameters = content["fsw_nmpc"]["ros__parameters"]
     assert MachineData.from_file(parameters["machine_file"]) == seen

@@ -111,6 +111,8 @@ def loop_response(
     at, line = model.equilibrium(REST.depth_mm, REST.temperature_c), model.linearise()
     torque, speed = at.outputs.process_torque_nm, at.speed_rpm
     s, back = 1j * omega, np.exp(-1j * omega * STEP_S)
+    # a command is held for a tick: (1 - z^-1) / (s h), behind the delay (Astrom and Wittenmark,
+    # Computer-Controlled Systems, 1997, chapter 3)
     hold = (1.0 - back) / (s * STEP_S) * back**latency_ticks
     process = line.frequency_response(omega) * hold[:, None, None]
 
@@ -122,6 +124,8 @@ def loop_response(
         move = 1.0 - back
         return np.asarray(gain * (1.0 + STEP_S / integral_s / move + derivative_s / STEP_S * move))
 
+    # Inner loop, power = speed x torque: the speed follows the commanded power by its feedforward
+    # and by a PI on the measured power, and so answers a change of the torque.
     power = pid(gains.power_gain, gains.power_integral_time)
     by_torque = -speed / torque * lag(gains.feedforward_filter)
     by_torque = by_torque - power * KW_PER_NM_RPM * speed * lag(gains.power_filter)
@@ -139,6 +143,8 @@ def loop_response(
     # torque; the measurement has the inertia peak, too, but later
     own = inertia * (1.0 - back) * (back ** (1 + latency_ticks) - back) - friction * back
     solved = 1.0 - by_torque * own + (power * KW_PER_NM_RPM + predicted) * torque * back
+    # rows: force, speed; columns: depth, temperature, torque. The depth reaches the speed by the
+    # decoupling alone, which takes back what the force does to the power.
     controller = np.zeros((len(omega), 2, 3), dtype=np.complex128)
     depth = pid(gains.depth_gain, gains.depth_integral_time, gains.depth_derivative_time)
     controller[:, 0, 0] = depth * lag(gains.depth_filter) ** 2
@@ -156,6 +162,8 @@ def _prediction(gains: Gains, back: Response, lag: Callable[[float], Response]) 
     """Response of the Smith predictor's correction (degC) to the measured power (kW)."""
     if not gains.predictor_dead_time * gains.predictor_gain:
         return np.zeros_like(back)
+    # What the model says without its dead time, less the same with it (Smith, 1957). The power is
+    # taken as linear between ticks, hence (1 + z^-1) / 2; so is the part of a tick of the dead time.
     whole, part = divmod(gains.predictor_dead_time / STEP_S, 1.0)
     model = lag(gains.predictor_copper_lag) * 0.5 * (1.0 + back) * lag(gains.predictor_tool_lag)
     return np.asarray(

@@ -1,4 +1,4 @@
-"""Command of the study: welds on random canisters, validation of the plant, both pages."""
+"""Command of the study: validation of the plant, linear and nonlinear copper, the page."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from canister import report, verdict
+from canister import report
 from canister.properties import properties
 from canister.validation import validation
 from fsw.console import ProgressBar
@@ -23,11 +23,9 @@ _RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     parser = argparse.ArgumentParser(
-        description="Weld random canisters, and write the page of results."
+        description="Validate the plant that conducts heat, and write the page of results."
     )
-    parser.add_argument(
-        "part", choices=["weld", "validate", "properties", "page"], help="what to do"
-    )
+    parser.add_argument("part", choices=["validate", "properties", "page"], help="what to do")
     parser.add_argument(
         "--out",
         type=Path,
@@ -35,25 +33,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="folder of the results (default %(default)s)",
     )
     parser.add_argument(
-        "--welds", type=int, default=1000, help="canisters to weld (default %(default)s)"
-    )
-    parser.add_argument(
-        "--share",
-        default="0/1",
-        metavar="I/N",
-        help="every Nth from the Ith on, to share them out",
-    )
-    parser.add_argument(
-        "--controller",
-        action="append",
-        default=[],
-        help="with these only (default: all of the campaign)",
-    )
-    parser.add_argument(
         "--minutes",
         type=float,
-        default=1e6,
-        help="weld: begin no more welds after so long; properties: of welding (45)",
+        default=_WHOLE_MINUTES,
+        help="properties: of welding (default %(default)g)",
     )
     coarse = "validate: elements of 12 mm and 64 modes for the comparison with all finite elements"
     parser.add_argument("--coarse", action="store_true", help=coarse)
@@ -65,30 +48,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(parsed: argparse.Namespace) -> None:
     parsed.out.mkdir(parents=True, exist_ok=True)
     numbers, copper = parsed.out / "validation.json", parsed.out / "properties.json"
-    if parsed.part == "weld":
-        first, every = map(int, parsed.share.split("/"))
-        welds = range(first, parsed.welds, every)
-        verdict.run(parsed.out / f"welds_{first}.jsonl", welds, parsed.minutes, parsed.controller)
-    elif parsed.part == "validate":
+    if parsed.part == "validate":
         with ProgressBar("validation") as bar:
             numbers.write_text(
                 json.dumps(validation(bar, parsed.coarse), indent=1) + "\n", encoding="utf-8"
             )
     elif parsed.part == "properties":
         with ProgressBar("k(T), c(T)") as bar:
-            results = properties(min(parsed.minutes, _WHOLE_MINUTES), bar)
+            results = properties(parsed.minutes, bar)
         copper.write_text(json.dumps(results) + "\n", encoding="utf-8")
     else:
-        rows = verdict.read(sorted(parsed.out.glob("*.jsonl")))
-        plant = numbers.exists() or not rows  # the verdict may be written without it
-        data = {"verdict": report.summary(rows)}
-        data |= (
-            {"validation": _made(numbers), "properties": _made(copper)}
-            if plant
-            else {"validation": {}}
-        )
-        for path in report.write(data, _RESULTS if parsed.publish else parsed.out):
-            print(path)
+        content = report.content_of(_made(numbers), _made(copper))
+        print(report.write(content, _RESULTS if parsed.publish else parsed.out))
 
 
 def _made(file: Path) -> Any:

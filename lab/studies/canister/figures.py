@@ -11,8 +11,6 @@ import numpy as np
 from canister.validation import STEP_TIMES_S
 from fsw_analysis.figure_style import (
     OTHERS,
-    legend_below,
-    looks_of,
     shade_phases,
     sheet,
 )
@@ -44,13 +42,6 @@ def draw(content: Mapping[str, Any], path: Path) -> None:
             ylim=(0.0, 1.25 * max(largest_c.values())),
         )
         wrong.grid(axis="x", visible=False)
-
-
-def draw_shares(content: Mapping[str, Any], path: Path) -> None:
-    """The verdict by phase."""
-    with sheet(9.0, 3.2, path) as figure:
-        _draw_shares(figure.subplots(), content)
-        legend_below(figure)
 
 
 def _draw_power(axis: Any, weld: Mapping[str, Any]) -> None:
@@ -86,20 +77,3 @@ def _draw_steps(axis: Any, steps: Mapping[str, Any]) -> None:
     axis.set_xticks(STEP_TIMES_S, [f"{t:g}" for t in STEP_TIMES_S])
     axis.set_xticks([], minor=True)
     axis.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-
-
-def _draw_shares(axis: Any, content: Mapping[str, Any]) -> None:
-    phases, names = content["inside_percent"], tuple(content["welds"])
-    width = 0.8 / len(names)
-    for i, (controller, look) in enumerate(zip(names, looks_of(names), strict=True)):
-        shares = [of.get(controller, np.nan) for of in phases.values()]
-        places = np.arange(len(phases)) + (i - 0.5 * (len(names) - 1)) * width
-        axis.bar(places, shares, 0.9 * width, label=controller, **look.bar)
-        for place, share in zip(places, shares, strict=True):
-            if np.isfinite(share):
-                axis.annotate(f"{share:.0f}", (place, share), ha="center", va="bottom", **_SMALL)
-    axis.set_xticks(range(len(phases)), [phase.replace("_", " ") for phase in phases])
-    axis.set(
-        ylabel="%", ylim=(0.0, 112.0), yticks=range(0, 101, 20), title="welds inside the limits"
-    )
-    axis.grid(axis="x", visible=False)

@@ -1,4 +1,4 @@
-"""Welds and signs the series, and reports which of the planted changes its history found."""
+"""Welds the series, and reports which of the planted changes its history found."""
 
 from __future__ import annotations
 
@@ -8,22 +8,16 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import yaml
 
-from fsw_control.schema.files import write_whole
 from fsw_control.schema.models import InputError
 from fsw_plant import PlantConfig
 from fsw_plant.process import prepare
-from fsw_quality import attestation, history, history_report
-from fsw_quality.evidence import Policy, Subject, attest
+from fsw_quality import history, history_report
 from fsw_quality.history_report import Kind, Remark
-from fsw_recorder import signature
-from fsw_recorder.bag_metadata import ATTESTATION_NAME
 from fsw_recorder.errors import BagError
 from fsw_scenario.scenario_file import parse
 from weld_series.series import (
@@ -52,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the series; the exit code is 0 if the history found everything."""
     parser = argparse.ArgumentParser(
         prog="weld_series.py",
-        description="Weld a series of canisters: bags, records, signed chain, history. An interrupted series is continued.",
+        description="Weld a series of canisters: bags, records, history. An interrupted series is continued.",
     )
     parser.add_argument("--welds", type=int, default=60, help="number of canisters (default 60)")
     parser.add_argument(
@@ -85,14 +79,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for tool in history_report.tools(table):
         print(f"tool {tool.tool}, {tool.welds} welds: {tool.words}")
     missed = _tell(remarks, table["weld"].to_pylist(), chosen.welds)
-    chain = attestation.Chain(folder / "chain", _trusted(folder))
-    for entry in chain.findings:
-        print(f"chain: {entry.line}")
-    print(f"chain: {len(chain.entries)} welds, {'damaged' if chain.findings else 'intact'}")
     print(
-        f"written: {', '.join(str(folder / name) for name in ('report.html', 'history', 'chain', 'welds'))}"
+        f"written: {', '.join(str(folder / name) for name in ('report.html', 'history', 'welds'))}"
     )
-    return 1 if missed or chain.findings else 0
+    return 1 if missed else 0
 
 
 def _end_deg(folder: Path, joint_line_deg: float) -> float:
@@ -117,33 +107,8 @@ def _end_deg(folder: Path, joint_line_deg: float) -> float:
     return end_deg
 
 
-def _key(folder: Path) -> Path:
-    """Signing key of the series: emulated welds are not signed with a person's key."""
-    return folder / "key" / "series"
-
-
-def _make_key(path: Path) -> None:
-    from cryptography.hazmat.primitives import serialization as form
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
-    key = Ed25519PrivateKey.generate()
-    text = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.OpenSSH, form.NoEncryption())
-    public = key.public_key().public_bytes(form.Encoding.OpenSSH, form.PublicFormat.OpenSSH)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, text, 0o600)
-    write_whole(signature.public_path(path), public + b"\n")
-
-
-def _trusted(folder: Path) -> tuple[signature.TrustedKey, ...]:
-    return signature.load_trusted([signature.public_path(_key(folder))])
-
-
 def _weld(folder: Path, welds: int, workers: int, end_deg: float) -> list[history.Row]:
-    """Weld what is missing; sign and add to the history each in its order, so that the chain is one over time."""
-    if not _key(folder).exists():
-        _make_key(_key(folder))
-    key = signature.load_private(_key(folder))
-    procedure = series_procedure(end_deg)
+    """Weld what is missing, and add each to the history in its order."""
     there = (
         history.load(folder / "history")["weld"].to_pylist()
         if (folder / "history").is_dir()
@@ -156,7 +121,6 @@ def _weld(folder: Path, welds: int, workers: int, end_deg: float) -> list[histor
     try:
         for row in pool.map(partial(judged, folder=folder, end_deg=end_deg), range(1, welds + 1)):
             rows.append(row)
-            _sign(folder, row, key, procedure)
             if row["weld"] not in there:
                 history.add(folder / "history", [row])
             print(f"\r{len(rows)} of {welds} welds", end="", file=sys.stderr, flush=True)
@@ -164,14 +128,6 @@ def _weld(folder: Path, welds: int, workers: int, end_deg: float) -> list[histor
         pool.shutdown(cancel_futures=True)
     print(file=sys.stderr)
     return rows
-
-
-def _sign(folder: Path, row: history.Row, key: Any, procedure: Any) -> None:
-    """Attest a bag together with its record; one that is signed for already stays."""
-    place = folder / "welds" / row["weld"]
-    if not (place / "bag" / ATTESTATION_NAME).exists():
-        subject = Subject(place / "bag", procedure, record=place / "record")
-        attest(subject, folder / "chain", key, datetime.now(UTC), Policy(_trusted(folder)))
 
 
 def _tell(remarks: Sequence[Remark], names: Sequence[str], welds: int) -> int:

@@ -156,9 +156,8 @@ def judged(number: int, folder: Path, end_deg: float = WHOLE_DEG) -> history.Row
     signals, proof = record.read(place / "bag")
     wanted = series_procedure(end_deg)
     made, course = record.judged(place / "bag", wanted, signals, proof)
-    if not page.exists():  # one that was attested stays as it is
-        page.parent.mkdir(exist_ok=True)
-        report.write(made, course, wanted, page.parent)
+    page.parent.mkdir(exist_ok=True)
+    report.write(made, course, wanted, page.parent)
     watched = watch(Monitor("canister"), signals)
     row = history.row(
         name, signals, watched, signals.custom, str(made.verdict), made.data_files, made.procedure

@@ -106,13 +106,13 @@ def _limit(welds: int) -> float:
 
 
 def _figures(phase: PhaseRecord) -> Iterator[tuple[str, float]]:
-    for name, one in (
+    for name, value in (
         ("depth error [mm]", phase.depth_mm),
         ("temperature error [°C]", phase.temperature_c),
     ):
-        if one is not None:
-            yield f"{name}, mean", one.mean
-            yield f"{name}, σ", one.sigma
+        if value is not None:
+            yield f"{name}, mean", value.mean
+            yield f"{name}, σ", value.sigma
     for name, key in (
         ("torque [N·m]", "torque_nm"),
         ("force [kN]", "force_kn"),

@@ -74,7 +74,9 @@ class Judged(Worded):
 
 
 #: causes by which a sensor's values mean nothing
-_SICK = {one for one in WatchCause if one.name.endswith(("_STUCK", "_NOISE_GONE", "_DETACHED"))}
+_SICK = {
+    cause for cause in WatchCause if cause.name.endswith(("_STUCK", "_NOISE_GONE", "_DETACHED"))
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +106,7 @@ class Finding:
         cause = Fact.of(_CAUSES[self.cause.name], shown=shown, size=size, error=error)
         if not self.others:
             return Fact.of(Judged.ALARM if self.alarm else Judged.SHOWN, cause=cause)
-        others = tuple(Fact.of(_NAMES[one.name]) for one in self.others)
+        others = tuple(Fact.of(_NAMES[cause.name]) for cause in self.others)
         return Fact.of(Judged.ALARM_OR, cause=cause, others=others)
 
     @property
@@ -150,7 +152,7 @@ class Estimate:
     def of_si(cls, cause: WatchCause, reason: NotJudged, **sizes: float) -> Estimate:
         """Return the estimate of these sizes in SI units, as in :attr:`si`."""
         factor = _TEXTS[cause.word].si
-        return cls(cause, reason=reason, **{name: one / factor for name, one in sizes.items()})
+        return cls(cause, reason=reason, **{name: size / factor for name, size in sizes.items()})
 
     @property
     def is_distinct(self) -> bool:

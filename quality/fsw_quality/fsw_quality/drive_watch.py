@@ -46,28 +46,30 @@ class DriveWatch:
 
     def second(self) -> list[Finding]:
         """Findings at a second."""
-        found = []
+        findings = []
         if len(self._commands) == self._commands.maxlen:
             commands, positions = np.array(self._commands), np.array(self._positions)
             # share of the time for which it has stood still since the command was elsewhere
             moves = np.abs(np.diff(positions, prepend=positions[0])) >= 0.05 * self._least
             since = np.maximum.accumulate(np.where(moves, np.arange(positions.size), 0))
-            commanded, moved = (np.abs(one - one[since]) for one in (commands, positions))
+            commanded, moved = (np.abs(values - values[since]) for values in (commands, positions))
             # a slow drive moves too little in a tick, and follows all the same
             stands = (commanded > self._least) & (moved < 0.5 * commanded)
             standstill = float(np.mean(stands))
             if standstill > _STANDSTILL:
-                found.append(Finding(WatchCause[f"{self._name}_STICKS"], size=standstill))
+                findings.append(Finding(WatchCause[f"{self._name}_STICKS"], size=standstill))
             if float(np.sqrt(np.mean(np.diff(commands) ** 2))) > 0.1 * self._least:
                 lag_s = TICK_S * best_delay(commands, positions, _LARGEST)
                 if lag_s > _LAG_S:
-                    found.append(Finding(WatchCause[f"{self._name}_LAGS"], size=lag_s))
+                    findings.append(Finding(WatchCause[f"{self._name}_LAGS"], size=lag_s))
         if (
             len(self._limited) == self._limited.maxlen
             and (share := float(np.mean(self._limited))) > _SATURATED
         ):
-            found.append(Finding(WatchCause[f"{self._name}_SATURATED"], alarm=False, size=share))
-        return found
+            findings.append(
+                Finding(WatchCause[f"{self._name}_SATURATED"], alarm=False, size=share)
+            )
+        return findings
 
 
 def best_delay(commands: FloatArray, positions: FloatArray, largest: int) -> int:

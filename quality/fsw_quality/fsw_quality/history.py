@@ -1,4 +1,4 @@
-"""The history of welds: a row for each in a folder of Parquet files, and what changed between two of them."""
+"""The history of welds: a row for each in a Parquet file, and what changed between two of them."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from fsw_recorder.bag_metadata import IDENTITY
 
 #: torque (19) at the operating point (15), to which the torque at equal conditions refers [N m]
 TORQUE_NM = 1021.5
-#: files that are joined into one when a row is added
-_MOST_FILES = 50
+#: in the folder of a history
+_FILE = "history.parquet"
 #: what is set for a weld: name and hash of the procedure, and two maps as JSON, ``{group: {name:
 #: value}}``: parameters by controller, and versions and hashes of code by what they did
 #: (``welded``, ``judged``)
@@ -44,8 +44,7 @@ TEXTS = (
     "alarm_kinds",
 )
 #: the alarms as facts, of which the report makes words: begin, and the fields of
-#: :class:`fsw_quality.diagnosis.Finding`. Null in rows of older versions, which
-#: had words instead: of them the report says only the kinds
+#: :class:`fsw_quality.diagnosis.Finding`
 FINDINGS = "alarm_findings"
 _FINDING = pa.struct(
     {
@@ -184,21 +183,12 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
     """
     try:
         with locked(folder):
-            files = _files(folder)
-            there = load(folder) if files else SCHEMA.empty_table()
-            fresh = pa.Table.from_pylist(list(rows), SCHEMA)
-            _check_once(folder, pa.concat_tables([there, fresh]))
-            joined = len(files) >= _MOST_FILES
-            number = int(files[-1].stem) + 1 if files else 0
-            with replacing(folder / f"{number:06d}.parquet") as scratch:
-                pq.write_table(
-                    pa.concat_tables([there, fresh]) if joined else fresh,
-                    scratch,
-                    compression="zstd",
-                )
-            for old in files if joined else ():
-                old.unlink()
-            return int(there.num_rows + fresh.num_rows)
+            there = load(folder) if (folder / _FILE).exists() else SCHEMA.empty_table()
+            table = pa.concat_tables([there, pa.Table.from_pylist(list(rows), SCHEMA)])
+            _check_once(folder, table)
+            with replacing(folder / _FILE) as scratch:
+                pq.write_table(table, scratch, compression="zstd")
+            return int(table.num_rows)
     except OSError as error:
         raise InputError(f"cannot write to {folder}: {error.strerror}") from None
 
@@ -206,7 +196,7 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
 def check_new(folder: Path, welds: Sequence[tuple[str, Sequence[str]]]) -> None:
     """Refuse welds, by name and with the hashes of their files, before they are watched; raises as :func:`add`."""
     fresh = [{"weld": name, FILES: ",".join(files)} for name, files in welds]
-    there = [load(folder)] if _files(folder) else []
+    there = [load(folder)] if (folder / _FILE).exists() else []
     _check_once(folder, pa.concat_tables([*there, pa.Table.from_pylist(fresh, SCHEMA)]))
 
 
@@ -234,30 +224,17 @@ def load(folder: Path) -> pa.Table:
     Raises
     ------
     fsw_control.schema.models.InputError
-        If there is none, or a file cannot be read.
+        If there is none, or it cannot be read.
     """
-    files = _files(folder)
-    if not files:
+    file = folder / _FILE
+    if not file.exists():
         raise InputError(
             f"{folder}: there is no history of welds; 'fsw.py history add {folder} BAG' begins one"
         )
-    tables = []
-    for file in files:
-        try:
-            tables.append(pq.read_table(file, schema=SCHEMA))
-        except (pa.ArrowException, OSError) as error:
-            raise InputError(
-                f"{file}: cannot be read: {' '.join(str(error).split())[:200]}"
-            ) from None
-    table = pa.concat_tables(tables).combine_chunks()
-    # a crash while files were joined may leave a weld in two of them
-    names = table["weld"].to_pylist()
-    first = {name: i for i, name in reversed(list(enumerate(names)))}
-    return table if len(first) == len(names) else table.take(sorted(first.values()))
-
-
-def _files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.glob("[0-9]*.parquet") if path.stem.isdecimal())
+    try:
+        return pq.read_table(file, schema=SCHEMA).combine_chunks()
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(f"{file}: cannot be read: {' '.join(str(error).split())[:200]}") from None
 
 
 def column(table: pa.Table, name: str) -> FloatArray:

@@ -237,15 +237,11 @@ def _alarms(rows: Sequence[Row]) -> Iterator[Remark]:
 
 
 def _causes(row: Row) -> Iterator[tuple[str, str]]:
-    """Cause of each alarm of a weld, and its words; of a row of an older version the causes alone are known."""
+    """Cause of each alarm of a weld, and its words."""
     for alarm in row[FINDINGS] or ():
         cause, *others = map(WatchCause, (alarm["cause"], *alarm["others"]))
         text = Finding(cause, True, alarm["size"], alarm["error"], others=tuple(others)).text
         yield cause.word, f" at {alarm['begin_s']:.0f} s: {text}"
-    if row[FINDINGS] is None:
-        yield from (
-            (cause, f": {cause}") for cause in (row["alarm_kinds"] or "").split(", ") if cause
-        )
 
 
 def write(table: pa.Table, target: Path, title: str, beside: Path | None = None) -> list[Remark]:

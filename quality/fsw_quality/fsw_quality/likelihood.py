@@ -136,17 +136,17 @@ def covariance_from(file: str | Path) -> FloatArray | None:
     """
     if not str(file):
         return None
-    known, found = ParameterCovariance.from_file(file), default_covariance()
+    known, covariance = ParameterCovariance.from_file(file), default_covariance()
     pairs = [
         (i, COEFFICIENTS.index(name))
         for i, name in enumerate(known.parameters)
         if name in COEFFICIENTS
     ]
     rows, places = [i for i, _ in pairs], [place for _, place in pairs]
-    found[np.ix_(places, places)] = known.matrix[
+    covariance[np.ix_(places, places)] = known.matrix[
         np.ix_(rows, rows)
     ] + _FROM_WELD_TO_WELD**2 * np.eye(len(rows))
-    return found
+    return covariance
 
 
 @dataclass(slots=True)
@@ -171,12 +171,12 @@ class Sizes:
 
 def _tried(choices: dict[int, tuple[int, float]]) -> Sizes:
     """Sizes by residual: which time, and the factor."""
-    found = Sizes(np.ones(N_STATES), {})
+    sizes = Sizes(np.ones(N_STATES), {})
     for residual, (which, factor) in choices.items():
         state = _LEARNT[residual]
-        found.factors[state], found.times_s[state] = factor, _CORRELATED_S[state][which]
-    found.times_s[SWAY], found.factors[SWAY] = _SWAY_S, _SWAYS[choices[TORQUE][0]]
-    return found
+        sizes.factors[state], sizes.times_s[state] = factor, _CORRELATED_S[state][which]
+    sizes.times_s[SWAY], sizes.factors[SWAY] = _SWAY_S, _SWAYS[choices[TORQUE][0]]
+    return sizes
 
 
 def _likeliest(lost: FloatArray) -> tuple[int, float]:
@@ -355,7 +355,7 @@ class Healthy:
         self._arguments = parameters, covariance, known_heat
         self._seconds: list[Second] = []
         self._filter = Filter(
-            *self._arguments, [_tried(dict.fromkeys(_LEARNT, one)) for one in _TRIED]
+            *self._arguments, [_tried(dict.fromkeys(_LEARNT, value)) for value in _TRIED]
         )
         self._lost = np.zeros((3, len(_TRIED)))
         self.n_states = self._filter.n_states
@@ -387,7 +387,7 @@ class Healthy:
             second.variances = self._seconds[-1].variances
         choices = {residual: _likeliest(lost) for residual, lost in enumerate(self._lost)}
         # the likeliest noise of the heat depends on the torque's: try it again with that
-        again = Filter(*self._arguments, [_tried(choices | {HEAT: one}) for one in _TRIED])
+        again = Filter(*self._arguments, [_tried(choices | {HEAT: value}) for value in _TRIED])
         choices[HEAT] = _likeliest(sum(again.step(second)[HEAT] for second in self._seconds))
         self.learnt = _tried(choices)
         self._filter = Filter(*self._arguments, [self.learnt])
@@ -407,7 +407,7 @@ class Healthy:
 
     def gains(self, process_nm: float) -> dict[str, tuple[float, float]]:
         """Gains relative to the model's, each with its standard error; ``process_nm`` is the model's torque."""
-        x, p, found = self._filter.x[self._best], self._filter.p[self._best], {}
+        x, p, sizes = self._filter.x[self._best], self._filter.p[self._best], {}
         rows = {"torque": self._torque / process_nm if process_nm else 0.0 * self._torque}
         for name, coefficient in (
             ("depth", "depth_gain_mm_per_kn_s"),
@@ -415,8 +415,8 @@ class Healthy:
         ):
             rows[name] = np.eye(self.n_states)[COEFFICIENTS.index(coefficient)]
         for name, row in rows.items():
-            found[name] = 1.0 + float(row @ x), sqrt(max(float(row @ p @ row), 0.0))
-        return found
+            sizes[name] = 1.0 + float(row @ x), sqrt(max(float(row @ p @ row), 0.0))
+        return sizes
 
     @property
     def disturbances(self) -> tuple[float, float, float]:

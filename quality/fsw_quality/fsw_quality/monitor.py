@@ -95,8 +95,8 @@ class ProcessWatch:
         self._p = parameters
         self._known_heat = known_heat
         self._faults = list(SIZES)
-        self._judged = np.array([known_heat or one not in OF_HEAT for one in self._faults])
-        self._harmless, self._largest = np.array([SIZES[one] for one in self._faults]).T
+        self._judged = np.array([known_heat or fault not in OF_HEAT for fault in self._faults])
+        self._harmless, self._largest = np.array([SIZES[fault] for fault in self._faults]).T
         self.residuals = ModelResiduals(parameters, known_heat)
         self.healthy = Healthy(parameters, covariance, known_heat)
         self._begin_again()
@@ -191,7 +191,7 @@ class ProcessWatch:
         if len(self._onsets) < _ONSETS:
             self._onsets.append(onset)
             return
-        order = np.argsort([one.time_s for one in self._onsets])
+        order = np.argsort([onset.time_s for onset in self._onsets])
         times = np.array([self._onsets[i].time_s for i in order])
         apart = (times[2:] - times[:-2]) / (onset.time_s - times[1:-1])
         apart[order[1:-1] == self._pinned] = np.inf
@@ -206,7 +206,7 @@ class ProcessWatch:
 
     def information(self, cause: WatchCause, onset_s: float) -> float:
         """Inverse variance of a fault's size, by what was measured since the onset nearest to a time."""
-        nearest = int(np.argmin([abs(one.time_s - onset_s) for one in self._onsets]))
+        nearest = int(np.argmin([abs(onset.time_s - onset_s) for onset in self._onsets]))
         return float(self._traces.power[nearest, self._faults.index(cause)])
 
     @property
@@ -217,8 +217,8 @@ class ProcessWatch:
     def estimates(self, time_s: float) -> list[Estimate]:
         """Size of each fault, if it alone has been there for a minute or longer; shorter at the begin."""
         if not self._onsets:
-            return [Estimate(one, reason=NotJudged.LEARNING) for one in self._faults]
-        ages_s = time_s - np.array([one.time_s for one in self._onsets])
+            return [Estimate(fault, reason=NotJudged.LEARNING) for fault in self._faults]
+        ages_s = time_s - np.array([onset.time_s for onset in self._onsets])
         lasts_s = min(LASTS_S, ages_s.max())
         possible = np.flatnonzero(ages_s >= lasts_s)
         sizes, errors = self._traces.averages(_EXPECTED * self._harmless, possible)
@@ -298,7 +298,7 @@ class Monitor:
         self.process = ProcessWatch(self._parameters, self._covariance, self._known_heat)
         self._sensors = [SensorHealth(name) for name in REQUIRED]
         self._detached = Detached()
-        self._drives = [DriveWatch(*one) for one in _DRIVES]
+        self._drives = [DriveWatch(*drive) for drive in _DRIVES]
         self._good, self._shown_c = [nan] * 3, nan
         self._tick, self._begun_s, self._time_s = 0, nan, nan
         self.seconds = 0  #: seconds that were judged
@@ -359,14 +359,14 @@ class Monitor:
             self._drives[1].push(now.command_speed_rpm, now.speed_rpm)
 
     def _second(self) -> None:
-        found = [one for sensor in self._sensors for one in sensor.second()]
-        found += self._detached.second(self._shown_c, self.process.residuals.gains().heated_c)
+        findings = [finding for sensor in self._sensors for finding in sensor.second()]
+        findings += self._detached.second(self._shown_c, self.process.residuals.gains().heated_c)
         for drive in self._drives:
-            found += drive.second()
+            findings += drive.second()
         noises = np.array([sensor.noise for sensor in self._sensors])
         self.process.second(self._time_s, noises, self.learning)
-        sick = any(one.of_sensor for one in found)
-        self.findings = found + ([] if self.learning else self.process.findings(sick))
+        sick = any(finding.of_sensor for finding in findings)
+        self.findings = findings + ([] if self.learning else self.process.findings(sick))
         self.estimates = self.process.estimates(self._time_s)
         self.seconds += 1
 

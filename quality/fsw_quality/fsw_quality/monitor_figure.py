@@ -21,7 +21,7 @@ _WIDEST = 6.0
 
 def draw(watched: Watched, title: str, file: Path) -> None:
     """Write the figure: PNG, SVG or PDF."""
-    causes = list(dict.fromkeys(one.finding.cause for one in watched.alarms))
+    causes = list(dict.fromkeys(alarm.finding.cause for alarm in watched.alarms))
     minutes = np.array(watched.time_s) / 60.0
     with sheet(13.0, 9.0, file) as figure:
         figure.suptitle(title)
@@ -45,12 +45,12 @@ def draw(watched: Watched, title: str, file: Path) -> None:
         axes[3].set_ylabel("evidence\n[log likelihood]")
         axes[3].set_title("evidence of the likeliest fault", fontsize=9.0, loc="left")
         axes[3].set_ylim(0.0, max(1.5 * ALARM, min(max(watched.ratios), 5.0 * ALARM)))
-        for one in watched.alarms:
-            width = (one.end_s - one.begin_s) / 60.0
-            place = causes.index(one.finding.cause)
-            axes[4].barh(place, width, left=one.begin_s / 60.0, color=RED)
+        for alarm in watched.alarms:
+            width = (alarm.end_s - alarm.begin_s) / 60.0
+            place = causes.index(alarm.finding.cause)
+            axes[4].barh(place, width, left=alarm.begin_s / 60.0, color=RED)
         axes[4].set_yticks(
-            range(len(causes)), [one.word.replace("_", " ") for one in causes], fontsize=8.0
+            range(len(causes)), [cause.word.replace("_", " ") for cause in causes], fontsize=8.0
         )
         axes[4].set_ylim(max(len(causes), 1) - 0.5, -0.5)
         axes[4].set_title("alarms" if causes else "no alarm", fontsize=9.0, loc="left")
@@ -78,7 +78,7 @@ def _estimates(panel: Axes, minutes: FloatArray, fault: tuple[Estimate, ...]) ->
         panel.set_yticks([])
         panel.annotate(last.text, (0.5, 0.5), xycoords="axes fraction", ha="center", va="center")
         return
-    size, error, alarm = np.array([one.scaled for one in fault]).T
+    size, error, alarm = np.array([estimate.scaled for estimate in fault]).T
     panel.fill_between(
         minutes, size - 2.0 * error, size + 2.0 * error, color=BLUE, alpha=0.25, linewidth=0.0
     )

@@ -126,10 +126,12 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
                 header=convert.header(self._newest_ns),
                 process=self._process,
                 learning=monitor.learning,
-                findings=[_message(one) for one in monitor.findings],
+                findings=[_message(finding) for finding in monitor.findings],
                 estimates=[
-                    WeldEstimate(cause=int(one.cause), reason=int(one.reason), **one.si)
-                    for one in monitor.estimates
+                    WeldEstimate(
+                        cause=int(estimate.cause), reason=int(estimate.reason), **estimate.si
+                    )
+                    for estimate in monitor.estimates
                 ],
                 gain_names=list(gains),
                 gains=[gain for gain, _ in gains.values()],
@@ -140,16 +142,18 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
             )
         )
         now: dict[WatchCause, Finding | None] = {
-            one.cause: one for one in monitor.findings if one.alarm
+            finding.cause: finding for finding in monitor.findings if finding.alarm
         }
-        changed = now.keys() != {cause for cause, one in self._shown.items() if one is not None}
+        changed = now.keys() != {
+            cause for cause, finding in self._shown.items() if finding is not None
+        }
         self._shown = dict.fromkeys(self._shown) | now
         if changed:
             self._report()
 
     def _report(self) -> None:
         watched = bool(self._sensors) and self._monitor.seconds > 0
-        shown = tuple(one.fact for one in self._monitor.findings if not one.alarm)
+        shown = tuple(finding.fact for finding in self._monitor.findings if not finding.alarm)
         state = Fact.of(Watching.WATCHING)
         if not watched:
             state = Fact.of(Watching.NOTHING)
@@ -158,16 +162,24 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
         elif self._monitor.learning:
             state = Fact.of(Watching.LEARNING)
         step_ms = f"{1e3 * self._longest_step_s:.3f}"
-        sizes = {one.cause.word: one.text for one in self._monitor.estimates} if watched else {}
+        sizes = (
+            {estimate.cause.word: estimate.text for estimate in self._monitor.estimates}
+            if watched
+            else {}
+        )
         lines = [Report("watch", OK, state, {"longest step [ms]": step_ms, **sizes})]
-        for cause, one in self._shown.items():
-            if one is None or not watched:
+        for cause, finding in self._shown.items():
+            if finding is None or not watched:
                 lines.append(Report(cause.word, OK, Fact.of(Watching.OVER), {}))
                 continue
             likelihood = (
-                {"log likelihood ratio": f"{one.log_likelihood:.1f}"} if cause.of_process else {}
+                {"log likelihood ratio": f"{finding.log_likelihood:.1f}"}
+                if cause.of_process
+                else {}
             )
-            lines.append(Report(cause.word, WARN, one.fact, {"action": one.action, **likelihood}))
+            lines.append(
+                Report(cause.word, WARN, finding.fact, {"action": finding.action, **likelihood})
+            )
         self._diagnostics.publish(lines)
 
 
@@ -179,7 +191,7 @@ def _message(finding: Finding) -> WeldFinding:
         size=size,
         error=error,
         log_likelihood=finding.log_likelihood,
-        others=[int(one) for one in finding.others],
+        others=[int(cause) for cause in finding.others],
     )
 
 

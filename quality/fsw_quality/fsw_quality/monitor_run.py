@@ -68,7 +68,7 @@ def process_of(signals: WeldSignals) -> str:
 def samples(signals: WeldSignals) -> Iterator[Sample]:
     """The ticks of a weld as a monitor in the graph sees them; without feedback of the drives, the commands act."""
     command_force, command_speed = (
-        np.append([np.nan], one[:-1]) for one in (signals.force_kn, signals.speed_rpm)
+        np.append([np.nan], values[:-1]) for values in (signals.force_kn, signals.speed_rpm)
     )
     drives = signals.drives
     acting = (
@@ -83,7 +83,7 @@ def samples(signals: WeldSignals) -> Iterator[Sample]:
         command_force,
         command_speed,
     )
-    for row in zip(*(one.tolist() for one in columns), strict=True):
+    for row in zip(*(column.tolist() for column in columns), strict=True):
         yield Sample(*row)
 
 
@@ -97,39 +97,39 @@ def watch(
     fsw_recorder.errors.BagError
         There is no weld: not one second with all that is watched.
     """
-    found, present = Watched(), dict[tuple[WatchCause, bool], Interval]()
+    watched, present = Watched(), dict[tuple[WatchCause, bool], Interval]()
     seconds = monitor.seconds
     for tick, sample in enumerate(samples(signals)):
         monitor.step(sample)
         if monitor.seconds != seconds:
             seconds = monitor.seconds
-            _note(found, present, monitor, sample.time_s)
+            _note(watched, present, monitor, sample.time_s)
         if progress is not None and tick % _PROGRESS_TICKS == 0:
             progress(tick / signals.n_ticks)
-    if not found.time_s:
+    if not watched.time_s:
         lacking = "no second with depth, torque, temperature, force and speed to watch"
         raise BagError(f"{signals.path}: no weld in it: {lacking}")
-    found.gains = monitor.gains
-    return found
+    watched.gains = monitor.gains
+    return watched
 
 
 def _note(
-    found: Watched,
+    watched: Watched,
     present: dict[tuple[WatchCause, bool], Interval],
     monitor: Monitor,
     time_s: float,
 ) -> None:
-    found.time_s.append(time_s)
-    found.disturbances.append(monitor.disturbances)
-    found.ratios.append(monitor.process.ratio)
-    found.estimates.append(monitor.estimates)
-    now = {(one.cause, one.alarm): one for one in monitor.findings}
+    watched.time_s.append(time_s)
+    watched.disturbances.append(monitor.disturbances)
+    watched.ratios.append(monitor.process.ratio)
+    watched.estimates.append(monitor.estimates)
+    now = {(finding.cause, finding.alarm): finding for finding in monitor.findings}
     for key in [key for key in present if key not in now]:
         del present[key]
-    for key, one in now.items():
+    for key, finding in now.items():
         if key not in present:
-            present[key] = Interval(time_s, time_s, one)
-            (found.alarms if one.alarm else found.others).append(present[key])
+            present[key] = Interval(time_s, time_s, finding)
+            (watched.alarms if finding.alarm else watched.others).append(present[key])
         present[key].end_s = time_s + 1.0
-        if not one.log_likelihood < present[key].finding.log_likelihood:
-            present[key].finding = one
+        if not finding.log_likelihood < present[key].finding.log_likelihood:
+            present[key].finding = finding

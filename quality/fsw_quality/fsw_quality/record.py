@@ -285,9 +285,9 @@ def estimated(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
     except BagError:  # load_weld has reported it
         return []
     events = []
-    for one in getattr(message, "estimates", ()):
-        numbers = {name: getattr(one, name) for name in ("size", "error", "alarm_size")}
-        estimate = Estimate.of_si(WatchCause(one.cause), NotJudged(one.reason), **numbers)
+    for sent in getattr(message, "estimates", ()):
+        numbers = {name: getattr(sent, name) for name in ("size", "error", "alarm_size")}
+        estimate = Estimate.of_si(WatchCause(sent.cause), NotJudged(sent.reason), **numbers)
         facts = {
             name: f"{value:.6g}" if isinstance(value, float) else str(value)
             for name, value in estimate.numbers.items()

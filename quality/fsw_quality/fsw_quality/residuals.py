@@ -86,25 +86,25 @@ class ModelResiduals:
         self._lag_s = _PROBE_S if known_heat else _PROBE_LATE_S
         changes = dict.fromkeys(COEFFICIENTS, _CHANGE)
         changes["dead_time_s"] = _DEAD_TICKS * STEP_S / p.dead_time_s
-        changed, relative = zip(*(_changed(p, *one) for one in changes.items()), strict=True)
+        changed, relative = zip(*(_changed(p, *change) for change in changes.items()), strict=True)
         self._changes = np.array([*relative, 1.0])
         copies = [p, *changed, p]
         self._c: Any = SimpleNamespace(
             **{
-                name: np.array([getattr(one, name) for one in copies])
+                name: np.array([getattr(model, name) for model in copies])
                 for name in ModelParameters.model_fields
             }
         )
         self._probe_s = np.append(np.zeros(len(copies) - 1), 1.0)
         self._follow = 1.0 - np.exp(-STEP_S / self._c.motor_lag_s)
-        modes = [equations.depth_modes(one) for one in copies]
+        modes = [equations.depth_modes(model) for model in copies]
         self._slow = np.array([exp(poles[1] * STEP_S) for poles, _ in modes])
         self._slow_gain = np.array(
             [(exp(poles[1] * STEP_S) - 1.0) / poles[1] * gains[1] for poles, gains in modes]
         )
         self._creep_gain = np.array([gains[0] * STEP_S for _, gains in modes])
-        self._thermal = np.array([_thermal_step(one) for one in copies]).T
-        delays = np.array([round(one.dead_time_s / STEP_S) for one in copies])
+        self._thermal = np.array([_thermal_step(model) for model in copies]).T
+        delays = np.array([round(model.dead_time_s / STEP_S) for model in copies])
         self._delays, self._rows = delays, np.arange(len(copies))
         self._heated = np.zeros((len(copies), int(delays.max()) + 1))
         self._unexplained = np.zeros(_SLOPE_TICKS)  # temperature less the model's
@@ -224,4 +224,4 @@ def _thermal_step(p: ModelParameters) -> tuple[float, ...]:
     whole = np.zeros((3, 3))
     whole[:2, :2], whole[:2, 2] = a, b
     stepped = equations.matrix_exponential(whole * STEP_S)
-    return tuple(float(one) for one in (*stepped[0], *stepped[1]))
+    return tuple(float(value) for value in (*stepped[0], *stepped[1]))

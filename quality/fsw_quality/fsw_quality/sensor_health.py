@@ -109,11 +109,11 @@ class SensorHealth:
         """Findings at a second."""
         if self.stuck:
             return [Finding(self._cause("STUCK"), size=TICK_S * self._run)]
-        found = []
+        findings = []
         while self._spikes and self._time_s - self._spikes[0] > _SPIKES_S:
             self._spikes.popleft()
         if len(self._spikes) >= _SPIKES:
-            found.append(Finding(self._cause("SPIKES"), size=float(len(self._spikes))))
+            findings.append(Finding(self._cause("SPIKES"), size=float(len(self._spikes))))
         changes = np.array(self._second_changes)
         if changes.size >= 2 * _SECOND:
             noise, newest = (
@@ -128,11 +128,11 @@ class SensorHealth:
             elif self._learnt and self._normal > 0.3 * self._resolution:
                 ratio = noise / self._normal
                 if ratio > _GROWN:
-                    found.append(Finding(self._cause("NOISE_GROWN"), size=ratio))
+                    findings.append(Finding(self._cause("NOISE_GROWN"), size=ratio))
                 elif ratio < _GONE:
                     self._sick_s = self._time_s
-                    found.append(Finding(self._cause("NOISE_GONE"), size=ratio))
-        return found
+                    findings.append(Finding(self._cause("NOISE_GONE"), size=ratio))
+        return findings
 
 
 class Detached:

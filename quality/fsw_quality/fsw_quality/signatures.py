@@ -52,9 +52,9 @@ def signatures(
 
     ``by_model`` are the sensitivities to the coefficients, shape (3, coefficients ...).
     """
-    since = np.array([max(time_s - one.time_s, 0.0) for one in onsets])
+    since = np.array([max(time_s - onset.time_s, 0.0) for onset in onsets])
     # gains of the onset: those of now contain the noise that is in the residuals, too
-    at: Any = Gains(*np.array([one.gains for one in onsets]).T)
+    at: Any = Gains(*np.array([onset.gains for onset in onsets]).T)
     # power reaches the thermocouple behind the dead time, through the lag of the copper
     late = np.maximum(since - p.dead_time_s - p.tool_lag_s, 0.0)
     faded = np.exp(-late / p.copper_lag_s)
@@ -64,12 +64,12 @@ def signatures(
         since + (p.depth_zero_s - p.depth_pole_slow_s) * follow
     )
     by_gain = now.creep_mm + now.slow_mm - at.creep_mm - at.slow_mm * (1.0 - follow)
-    found = np.zeros((3, len(onsets), len(faults)))
+    responses = np.zeros((3, len(onsets), len(faults)))
 
     def put(cause: WatchCause, **by_residual: FloatArray) -> None:
         if cause in faults:
             for name, value in by_residual.items():
-                found[("torque", "depth", "heat").index(name), :, faults.index(cause)] = value
+                responses[("torque", "depth", "heat").index(name), :, faults.index(cause)] = value
 
     put(WatchCause.THERMOCOUPLE_DRIFT, depth=-at.mm_per_c * since, heat=since)
     put(WatchCause.DEPTH_DRIFT, torque=-at.nm_per_mm * since, depth=since)
@@ -86,4 +86,4 @@ def signatures(
     put(WatchCause.HEAT_GAIN, heat=now.heated_c - at.heated_c * faded)
     dead_time = by_model[HEAT, COEFFICIENTS.index("dead_time_s")] / p.dead_time_s
     put(WatchCause.DEAD_TIME, heat=np.full(since.size, dead_time))
-    return found
+    return responses

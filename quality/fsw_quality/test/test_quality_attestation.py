@@ -191,9 +191,9 @@ def test_damage_is_located_to_file_and_chunk(shop: Shop) -> None:
     content = bytearray(file.read_bytes())
     content[len(content) // 2] ^= 4
     file.write_bytes(content)
-    [found] = shop.verified(1).findings
-    assert (found.code, found.file) == (Code.CHANGED, "weld_1_0.mcap")
-    assert found.place is not None and found.place.parts[0].startswith("chunk ")
+    [finding] = shop.verified(1).findings
+    assert (finding.code, finding.file) == (Code.CHANGED, "weld_1_0.mcap")
+    assert finding.place is not None and finding.place.parts[0].startswith("chunk ")
     assert shop.refused(1) == [Code.CHANGED]
     recover_proven(shop.bag(1), shop.bag(8), (ATTESTATION_NAME,))
     result = shop.verified(8)
@@ -244,8 +244,8 @@ def test_a_changed_attestation_is_found(shop: Shop) -> None:
 def test_a_missing_weld_leaves_a_hole(shop: Shop, gone: tuple[int, ...]) -> None:
     for number in gone:
         (shop.chain_folder / f"{number:06d}.json").unlink()
-    [found] = Chain(shop.chain_folder, shop.trusted).findings
-    assert (found.code, found.data) == (Code.BROKEN_LINK, {"number": gone[-1] + 1})
+    [finding] = Chain(shop.chain_folder, shop.trusted).findings
+    assert (finding.code, finding.data) == (Code.BROKEN_LINK, {"number": gone[-1] + 1})
     assert shop.codes(gone[0]) == [Code.NOT_IN_CHAIN]
     shop.weld(9)
     assert shop.refused(9) == [Code.BROKEN_LINK]
@@ -265,8 +265,8 @@ def test_an_exchanged_entry_breaks_the_link_behind_it(shop: Shop) -> None:
     made = Chain(shop.chain_folder, shop.trusted).entries[1]
     stated = made.predicate.changed(identity={"canister": "C-7"})
     path.write_text(envelope(made.sha256, Purpose.ATTESTATION, stated, shop.key))
-    [found] = Chain(shop.chain_folder, shop.trusted).findings
-    assert (found.code, found.file) == (Code.BROKEN_LINK, "000003.json")
+    [finding] = Chain(shop.chain_folder, shop.trusted).findings
+    assert (finding.code, finding.file) == (Code.BROKEN_LINK, "000003.json")
     assert shop.codes(2) == [Code.NOT_IN_CHAIN]
 
 
@@ -337,8 +337,8 @@ def test_a_key_revoked_later_is_proven_by_what_others_signed_before(shop: Shop) 
     trusted = (*trusted, stolen)
     with pytest.raises(EvidenceError) as refused:
         attest(Subject(shop.bag(9)), shop.chain_folder, following, last, Policy(trusted))
-    found = {entry.code for entry in refused.value.findings}
-    assert Code.KEY_REVOKED in found
+    reasons = {entry.code for entry in refused.value.findings}
+    assert Code.KEY_REVOKED in reasons
     attest(Subject(shop.bag(9)), shop.chain_folder, following, last, before)
     assert codes(9) == ([Code.KEY_REVOKED], False)
 
@@ -484,8 +484,8 @@ def test_what_is_no_bag_is_one_line(shop: Shop) -> None:
     for path in (shop.folder / "none", shop.bag(1) / "weld_1_0.mcap"):
         with pytest.raises(BagError, match=path.name):
             attest(Subject(path), shop.chain_folder, shop.key, NOW, shop.policy())
-        [found] = verify_bag(path, Policy(shop.trusted), NOW).findings
-        assert found.code in (Code.MISSING, Code.UNREADABLE)
+        [finding] = verify_bag(path, Policy(shop.trusted), NOW).findings
+        assert finding.code in (Code.MISSING, Code.UNREADABLE)
 
 
 def test_the_manifest_says_what_the_schema_allows(shop: Shop) -> None:

@@ -28,10 +28,10 @@ def record(
     weld = good_weld()
     weld = replace(weld, path=Path(f"weld_{number}"), depth_mm=weld.depth_mm + offset_mm)
     file = BagFile(name="weld.mcap", bytes=1, sha256=sha or f"{number:064x}")
-    found, _ = assemble(
+    content, _ = assemble(
         replace(weld, custom={"lost_messages": "0"}), procedure or short_procedure(), (file,)
     )
-    return found
+    return content
 
 
 def keep(folder: Path, *records: Record) -> None:
@@ -48,8 +48,10 @@ def test_accepted_welds_of_the_procedure_are_taken_and_the_latest_only(tmp_path:
     others = [record(number, 0.001 * number) for number in range(MOST + 2)]
     foreign = record(91, procedure=short_procedure(revision="other"))
     keep(tmp_path, *others, rejected, foreign, record(99))
-    found = accepted_before(tmp_path, record(99), pytest.fail)
-    assert len(found) == MOST and {weld.bag for weld in found} <= {weld.bag for weld in others}
+    accepted = accepted_before(tmp_path, record(99), pytest.fail)
+    assert len(accepted) == MOST and {weld.bag for weld in accepted} <= {
+        weld.bag for weld in others
+    }
 
 
 def test_what_is_far_from_the_others_is_named(tmp_path: Path) -> None:
@@ -72,7 +74,7 @@ def test_a_record_of_an_earlier_version_is_left_out_and_named(tmp_path: Path) ->
     keep(tmp_path, record(1), record(2))
     path, notes = tmp_path / "weld_1" / "record.json", list[str]()
     path.write_text('{"format": "fsw_weld_record", "version": 3, "rules": "other words"}')
-    assert [one.bag for one in accepted_before(tmp_path, record(9), notes.append)] == ["weld_2"]
+    assert [weld.bag for weld in accepted_before(tmp_path, record(9), notes.append)] == ["weld_2"]
     [note] = notes
     assert str(path) in note
 
@@ -109,7 +111,9 @@ def test_times_of_control(
         WeldEvent(time_s, "operator", "hold", "refused", data={"holder": holder})
         for time_s, holder in holders
     ]
-    assert [(one.who, one.begin_s, one.end_s) for one in times_of_control(events, 9.0)] == expected
+    assert [
+        (span.who, span.begin_s, span.end_s) for span in times_of_control(events, 9.0)
+    ] == expected
 
 
 @pytest.mark.parametrize(
@@ -132,9 +136,9 @@ def test_what_the_watch_tells_is_on_record_once_each(
         ):
             stamp_ns = int(weld.stamp_ns[0]) + tick * 10**9
             stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
-            for cell, told in ((neighbour, f"of the other weld: {tick}"), (home, text)):
+            for cell, shown in ((neighbour, f"of the other weld: {tick}"), (home, text)):
                 name = f"{cell}/fsw_procedure: deviations".removeprefix("/")
-                status = {"name": name, "message": told, "level": 2 * (told != "no deviation")}
+                status = {"name": name, "message": shown, "level": 2 * (shown != "no deviation")}
                 if cell == home and tick > 1:
                     given = identity | (facts if status["level"] else {})
                     status["values"] = [
@@ -146,13 +150,13 @@ def test_what_the_watch_tells_is_on_record_once_each(
                 }
                 writer.write("/diagnostics", types.serialize(kind, values), stamp_ns, stamp_ns)
     with BagReader(tmp_path / "bag") as reader:
-        found = told_by_watch(reader, weld)
-    assert [(round(one.time_s, 6), one.kind, one.text) for one in found] == [
+        events = told_by_watch(reader, weld)
+    assert [(round(event.time_s, 6), event.kind, event.text) for event in events] == [
         (2.1, "procedure", f"p revision B, SHA-256 {'ab' * 32}"),
         (2.1, "deviation", "mode manual"),
         (4.1, "deviation", "no deviation"),
     ]
-    assert [one.data for one in found[1:]] == [facts, {}]
+    assert [event.data for event in events[1:]] == [facts, {}]
 
 
 @pytest.mark.parametrize("home", ["", "/cell1"])
@@ -174,11 +178,13 @@ def test_last_estimates_of_the_monitor_are_on_record(tmp_path: Path, home: str) 
                 data = definitions.encode(kind, definition, values)
                 writer.write(topic, data, stamp_ns, stamp_ns)
     with BagReader(tmp_path / "bag") as reader:
-        found = estimated(reader, weld)
+        events = estimated(reader, weld)
         assert estimated(reader, replace(weld, namespace="/cell3")) == []
     of_wear = {"size": "0.6", "standard_error": "0.12", "unit": "N·m/min"}
-    assert [(round(one.time_s, 6), one.kind, one.subject, one.data) for one in found] == [
+    assert [
+        (round(event.time_s, 6), event.kind, event.subject, event.data) for event in events
+    ] == [
         (2.1, "estimate", "tool_wear", of_wear),
         (2.1, "estimate", "heat_gain", {"not_judged": "heat_unknown"}),
     ]
-    assert "+0.6 ± 0.2 N·m/min" in found[0].text
+    assert "+0.6 ± 0.2 N·m/min" in events[0].text

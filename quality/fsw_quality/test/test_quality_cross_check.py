@@ -58,9 +58,9 @@ def made(tmp_path_factory: pytest.TempPathFactory, welded_by: Procedure) -> Path
         write_programme_weld(
             bag, number, WriterOptions(manifest=True), {"canister": f"C-{number}"}, attached
         )
-        found, course = record.make(bag, welded_by)
+        content, course = record.make(bag, welded_by)
         (bag / "record").mkdir()
-        report.write(found, course, welded_by, bag / "record")
+        report.write(content, course, welded_by, bag / "record")
     return folder
 
 
@@ -202,10 +202,10 @@ def test_a_procedure_that_the_weld_did_not_run_by(shop: Path, welded_by: Procedu
 
 def test_a_record_without_any_procedure_cannot_be_judged(shop: Path) -> None:
     write_programme_weld(shop / "weld_3", 2, WriterOptions(manifest=True))
-    found, course = record.make(shop / "weld_3", load("copper_lid"))
+    content, course = record.make(shop / "weld_3", load("copper_lid"))
     record_folder = shop / "records" / "weld_3"
     record_folder.mkdir(parents=True)
-    report.write(found, course, load("copper_lid"), record_folder)
+    report.write(content, course, load("copper_lid"), record_folder)
     assert codes(shop, Subject(shop / "weld_3", record=record_folder)) == [Code.NO_PROCEDURE]
     lid = load("copper_lid")
     assert codes(shop, Subject(shop / "weld_3", lid, record=shop / "weld_1")) == [Code.MISSING]
@@ -218,10 +218,10 @@ def test_a_record_without_any_procedure_cannot_be_judged(shop: Path) -> None:
 
 
 def test_figures_beside_a_page_do_not_change_it(shop: Path, welded_by: Procedure) -> None:
-    found, course = record.make(shop / "weld_1", welded_by)
+    content, course = record.make(shop / "weld_1", welded_by)
     beside = [shop / name for name in report.figure_names("svg")]
-    alone = report.contents(found, course, welded_by)
-    assert report.contents(found, course, welded_by, beside) == alone
+    alone = report.contents(content, course, welded_by)
+    assert report.contents(content, course, welded_by, beside) == alone
 
 
 @pytest.mark.parametrize("name", [report.PAGE, report.PDF])
@@ -243,10 +243,10 @@ def test_a_page_that_says_something_else_than_its_record(
 ) -> None:
     """It carries the right hash, and another figure somewhere."""
     folder = shop / "weld_1" / "record"
-    found, course = record.make(shop / "weld_1", welded_by)
+    content, course = record.make(shop / "weld_1", welded_by)
     made_of = report.json_sha256((folder / name).read_bytes()) or ""
-    *phases, whole = found.phases
-    better = found.changed(phases=(*phases, whole.changed(end_s=1.0)))
+    *phases, whole = content.phases
+    better = content.changed(phases=(*phases, whole.changed(end_s=1.0)))
     report.write(better, course, welded_by, shop)
     wrong = report.json_sha256((shop / name).read_bytes()) or ""
     path = folder / name

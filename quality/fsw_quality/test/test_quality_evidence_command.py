@@ -47,9 +47,9 @@ def test_from_key_to_proof(
     assert f"ssh-keygen -t ed25519 -N '' -f {config / 'evidence_key'}" in capsys.readouterr().err
     make_key(config / "evidence_key")
     assert run("attest", *bags, "--chain", chain, "--procedure", "copper_lid") == 0
-    found = tmp_path / "found.json"
-    assert run("verify-evidence", *bags, "--chain", chain, "--json", found) == 0
-    out, content = capsys.readouterr().out, json.loads(found.read_text())
+    target = tmp_path / "found.json"
+    assert run("verify-evidence", *bags, "--chain", chain, "--json", target) == 0
+    out, content = capsys.readouterr().out, json.loads(target.read_text())
     assert (
         "intact, 2 welds" in out
         and "C-1: proven: weld 1" in out
@@ -57,14 +57,14 @@ def test_from_key_to_proof(
     )
     assert content["chain"] == [] and [bag["findings"] for bag in content["bags"]] == [[], []]
     assert {"manifest_unsigned", "procedure_unsigned", "all_keys"} <= {
-        one["code"] for one in content["bags"][0]["not_checked"]
+        entry["code"] for entry in content["bags"][0]["not_checked"]
     }
     assert run("verify-evidence", "--chain", chain) == 0
     assert run("verify-evidence", *bags, "--require-signed") == 1
     alone = tmp_path / "alone"
     assert run("attest", bags[0], "--chain", alone) == 0  # without a procedure
-    assert run("verify-evidence", bags[0], "--chain", alone, "--json", found, "--force") == 0
-    notes = json.loads(found.read_text())["bags"][0]["not_checked"]
+    assert run("verify-evidence", bags[0], "--chain", alone, "--json", target, "--force") == 0
+    notes = json.loads(target.read_text())["bags"][0]["not_checked"]
     assert {note["code"] for note in notes} == {
         "manifest_unsigned",
         "procedure_absent",
@@ -90,8 +90,8 @@ def test_keys_expire(tmp_path: Path, config: Path, capsys: pytest.CaptureFixture
     keys.write_text(json.dumps({"format": "fsw_trusted_keys", "version": 1, "keys": [entry]}))
     capsys.readouterr()
     assert run("verify-evidence", bag, "--trusted", keys, "--json", tmp_path / "found.json") == 1
-    [found] = json.loads((tmp_path / "found.json").read_text())["bags"][0]["findings"]
-    assert found["code"] == "key_expired" and found["data"]["name"] == "quality"
+    [finding] = json.loads((tmp_path / "found.json").read_text())["bags"][0]["findings"]
+    assert finding["code"] == "key_expired" and finding["data"]["name"] == "quality"
     [note] = json.loads((tmp_path / "found.json").read_text())["bags"][0]["not_checked"]
     assert note["code"] == "files_not_checked"
     assert "signed by quality" in capsys.readouterr().out
@@ -167,7 +167,7 @@ def test_what_is_wrong_is_said_in_one_line(
         assert said in error and "\n" not in error, words
     assert run("verify-evidence", bag, "--trusted", f"{key}.pub") == 1  # never attested
     assert "attestation.json: " in capsys.readouterr().out
-    found, words = tmp_path / "found.json", ("--chain", tmp_path / "no_chain")
-    assert run("verify-evidence", *words, "--trusted", f"{key}.pub", "--json", found) == 1
-    [empty] = json.loads(found.read_text())["chain"]
+    target, words = tmp_path / "found.json", ("--chain", tmp_path / "no_chain")
+    assert run("verify-evidence", *words, "--trusted", f"{key}.pub", "--json", target) == 1
+    [empty] = json.loads(target.read_text())["chain"]
     assert empty["code"] == "empty" and "no_chain" in capsys.readouterr().out

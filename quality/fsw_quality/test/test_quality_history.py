@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 pytest.importorskip("pyarrow")
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from fsw_control.schema.models import InputError
 from fsw_quality import control_charts, history, history_report
@@ -23,16 +22,12 @@ from fsw_quality.history_report import LIMITS, Kind
 from fsw_test_support.made_history import rows
 
 
-def test_welds_are_added_and_read_in_order_also_once_files_are_joined(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(history, "_MOST_FILES", 5)
+def test_welds_are_added_and_read_in_order(tmp_path: Path) -> None:
     made = rows(9)
-    for i, one in enumerate(made):
-        assert history.add(tmp_path, [one]) == i + 1
+    for i, row in enumerate(made):
+        assert history.add(tmp_path, [row]) == i + 1
     table = history.load(tmp_path)
-    assert table["weld"].to_pylist() == [one["weld"] for one in made]
-    assert len(list(tmp_path.glob("*.parquet"))) == 4
+    assert table["weld"].to_pylist() == [row["weld"] for row in made]
     assert table.to_pylist()[7] == made[7]
 
 
@@ -67,16 +62,16 @@ def test_a_history_that_was_begun_without_hashes_and_settings_is_continued(tmp_p
     import pyarrow.parquet as pq
 
     made, new = rows(12), [*history.SETTINGS, "files_sha256"]
-    pq.write_table(pa.Table.from_pylist(made[:6]).drop_columns(new), tmp_path / "000000.parquet")
+    pq.write_table(pa.Table.from_pylist(made[:6]).drop_columns(new), tmp_path / "history.parquet")
     assert history.add(tmp_path, made[6:]) == 12
     table = history.load(tmp_path)
     assert all(table[name].to_pylist()[0] is None and table[name].to_pylist()[6] for name in new)
     # what is not known has not changed
     assert history.changes(table.to_pylist()[0], table.to_pylist()[6]) == []
     assert not [
-        one
-        for one in history_report.write(table, tmp_path / "a.html", "A")
-        if one.kind is Kind.CHANGE
+        remark
+        for remark in history_report.write(table, tmp_path / "a.html", "A")
+        if remark.kind is Kind.CHANGE
     ]
     assert np.isnan(
         history_report.charts(table)["torque_nm"].scores[6:11]
@@ -116,19 +111,12 @@ def test_what_was_set_otherwise_is_told_by_its_name() -> None:
         assert word in changed[0].subject
 
 
-def test_a_weld_in_two_files_counts_once(tmp_path: Path) -> None:
-    made = rows(6)
-    history.add(tmp_path, made)
-    (tmp_path / "000001.parquet").write_bytes((tmp_path / "000000.parquet").read_bytes())
-    assert history.load(tmp_path).num_rows == 6
-
-
 def test_no_history_and_a_damaged_file_are_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no history"):
         history.load(tmp_path)
     history.add(tmp_path, rows(2))
-    (tmp_path / "000000.parquet").write_bytes(b"PAR1 no more")
-    with pytest.raises(InputError, match=r"000000.parquet: cannot be read"):
+    (tmp_path / "history.parquet").write_bytes(b"PAR1 no more")
+    with pytest.raises(InputError, match=r"history.parquet: cannot be read"):
         history.load(tmp_path)
 
 
@@ -136,9 +124,9 @@ def test_what_changed_between_two_welds_is_told_and_what_did_not_is_not(tmp_path
     made = rows(30, wear_nm=0.0)
     made[20] |= {"tool": "T2", "torque_nm": 1060.0, "swaps": 1}
     history.add(tmp_path, made)
-    found = history.difference(history.load(tmp_path), "W00010", "W00020")
-    assert [one[0] for one in found] == ["tool", "swaps", history.NUMBERS["torque_nm"]]
-    assert found[-1][3] > 10.0
+    changes = history.difference(history.load(tmp_path), "W00010", "W00020")
+    assert [change[0] for change in changes] == ["tool", "swaps", history.NUMBERS["torque_nm"]]
+    assert changes[-1][3] > 10.0
     assert history.difference(history.load(tmp_path), "W00010", "W00010") == []
     with pytest.raises(InputError, match=r"W99999 .*W000"):
         history.difference(history.load(tmp_path), "W00010", "W99999")
@@ -248,7 +236,7 @@ def test_the_report_notes_correlated_quantities() -> None:
     made = [row | {"power_kw": float(power)} for row, power in zip(made, power_kw, strict=True)]
     table = pa.Table.from_pylist(made, history.SCHEMA)
     said = history_report.remarks(table, history_report.charts(table))
-    noted = [(one.at, one.subject) for one in said if one.kind is Kind.CORRELATION]
+    noted = [(remark.at, remark.subject) for remark in said if remark.kind is Kind.CORRELATION]
     assert noted == [(119, "power_kw")]
 
 
@@ -343,9 +331,9 @@ def test_the_run_length_is_that_of_the_charts() -> None:
 
 def test_a_tool_that_wears_has_a_life_whose_interval_holds_the_true_one() -> None:
     torque = 1000.0 + 0.8 * np.arange(30) + np.random.default_rng(3).normal(0.0, 2.0, 30)
-    found = control_charts.trend(torque, 50.0)
-    assert found is not None and found.significant
-    soonest, expected, latest = found.life
+    trend = control_charts.trend(torque, 50.0)
+    assert trend is not None and trend.significant
+    soonest, expected, latest = trend.life
     assert soonest < 50.0 / 0.8 < latest and expected == pytest.approx(50.0 / 0.8, rel=0.3)
     steady = control_charts.trend(np.random.default_rng(4).normal(1000.0, 2.0, 30), 50.0)
     assert steady is not None and not steady.significant and steady.life[2] == float("inf")
@@ -385,23 +373,7 @@ def test_an_alarm_of_a_later_version_is_shown(tmp_path: Path) -> None:
     made = rows(1)
     made[0][history.FINDINGS] = [alarm(200, 5.0, 1.5)]  # type: ignore[arg-type]
     history.add(tmp_path, made)
-    assert [one.subject for one in alarms_of(history.load(tmp_path))] == ["unknown"]
-
-
-def test_older_rows_have_the_kinds_of_their_alarms_alone(tmp_path: Path) -> None:
-    """They had words; a kind is grouped with that of newer rows."""
-    made = rows(6)
-    for row in made[:4]:
-        row["alarm_kinds"] = "tool_wear, dead_time"
-    for row in made[4:]:
-        row[history.FINDINGS] = [alarm(WatchCause.TOOL_WEAR, 30.0, 0.05)]
-    older = pa.Table.from_pylist(made[:4], history.SCHEMA).drop_columns([history.FINDINGS])
-    texts = pa.array(["3 s: wear 3.1; or 2"] * 4)
-    pq.write_table(older.append_column("alarm_texts", texts), tmp_path / "000000.parquet")
-    history.add(tmp_path, made[4:])
-    said = alarms_of(history.load(tmp_path))
-    assert [(one.at, one.subject) for one in said] == [(0, "tool_wear"), (0, "dead_time")]
-    assert "in 6 welds" in said[0].text and "in 4 welds" in said[1].text
+    assert [remark.subject for remark in alarms_of(history.load(tmp_path))] == ["unknown"]
 
 
 def test_the_report_has_what_stands_out(tmp_path: Path) -> None:

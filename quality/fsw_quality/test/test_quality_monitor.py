@@ -46,22 +46,22 @@ def alarms(
     weld: Iterable[Sample], process: str = "paper"
 ) -> dict[WatchCause, tuple[float, Finding]]:
     """When each cause was first an alarm, and how."""
-    monitor, found = Monitor(process), dict[WatchCause, tuple[float, Finding]]()
-    for one in weld:
-        monitor.step(one)
+    monitor, causes = Monitor(process), dict[WatchCause, tuple[float, Finding]]()
+    for sample in weld:
+        monitor.step(sample)
         for finding in monitor.findings:
             if finding.alarm:
-                found.setdefault(finding.cause, (one.time_s, finding))
-    return found
+                causes.setdefault(finding.cause, (sample.time_s, finding))
+    return causes
 
 
 def later(weld: list[Sample], **changes: Callable[[int, Sample], float]) -> list[Sample]:
     """A weld in which some fields are replaced by a function of tick and sample, from 120 s on."""
     return [
-        one._replace(**{name: change(k, one) for name, change in changes.items()})
-        if one.time_s > 120.0
-        else one
-        for k, one in enumerate(weld)
+        sample._replace(**{name: change(k, sample) for name, change in changes.items()})
+        if sample.time_s > 120.0
+        else sample
+        for k, sample in enumerate(weld)
     ]
 
 
@@ -89,8 +89,8 @@ def test_healthy_weld_has_no_alarm_and_sizes_about_0(
     process: str, correlation_s: float, factors: dict[str, float]
 ) -> None:
     monitor = Monitor(process)
-    for one in samples(correlation_s=correlation_s, **factors):
-        monitor.step(one)
+    for sample in samples(correlation_s=correlation_s, **factors):
+        monitor.step(sample)
         assert not any(each.alarm or each.cause.of_process for each in monitor.findings)
     sizes = [each for each in monitor.estimates if not each.reason]
     assert len(sizes) == (10 if process == "paper" else 8)
@@ -108,15 +108,17 @@ def test_healthy_weld_has_no_alarm_and_sizes_about_0(
 def test_drifting_sensor_is_named_with_its_drift(
     name: str, per_s: float, cause: WatchCause, within_s: float
 ) -> None:
-    found = alarms(drifting(GOOD, name, per_s))
-    at_s, finding = found[cause]
+    causes = alarms(drifting(GOOD, name, per_s))
+    at_s, finding = causes[cause]
     assert 120.0 < at_s < 120.0 + within_s
     assert abs(finding.size - per_s) < 4.0 * finding.error
 
 
 def test_on_a_canister_the_thermocouple_is_named_with_what_cannot_be_distinguished() -> None:
-    found = alarms(drifting(GOOD, "temperature_c", 3.0 / 60.0), "canister")
-    causes = {cause for _, finding in found.values() for cause in (finding.cause, *finding.others)}
+    alarmed = alarms(drifting(GOOD, "temperature_c", 3.0 / 60.0), "canister")
+    causes = {
+        cause for _, finding in alarmed.values() for cause in (finding.cause, *finding.others)
+    }
     assert WatchCause.THERMOCOUPLE_DRIFT in causes
     assert not causes & {WatchCause.HEAT_GAIN, WatchCause.DEAD_TIME}
 
@@ -135,14 +137,14 @@ def test_gain_that_changes_by_a_fifth_is_named_within_60_s(
     at = 1500  # before a push of the force
     offset = getattr(GOOD[at], name) - getattr(other[at], name)
     changed = [
-        one._replace(**{name: getattr(other[k], name) + offset}) if k > at else one
-        for k, one in enumerate(GOOD)
+        sample._replace(**{name: getattr(other[k], name) + offset}) if k > at else sample
+        for k, sample in enumerate(GOOD)
     ]
     assert alarms(changed)[cause][0] < GOOD[at].time_s + 60.0
 
 
 def test_torque_gain_and_torque_sensor_are_distinguished_by_the_heat_where_it_is_known() -> None:
-    stepped = later(GOOD, torque_nm=lambda _, one: one.torque_nm + 60.0)
+    stepped = later(GOOD, torque_nm=lambda _, sample: sample.torque_nm + 60.0)
     assert WatchCause.TORQUE_STEP in alarms(stepped)
     for _, finding in alarms(stepped, "canister").values():
         assert {finding.cause, *finding.others} >= {WatchCause.TORQUE_STEP, WatchCause.TORQUE_GAIN}
@@ -188,28 +190,28 @@ def test_heat_of_the_torque_sensors_noise_is_known_by_the_torque(
 @pytest.mark.parametrize("name", ["dead_time_s", "motor_lag_s"])
 def test_coefficient_at_the_end_of_its_range_has_the_sensitivity_of_one_near_it(name: str) -> None:
     """Its copy is changed the other way."""
-    found = []
+    sensitivities = []
     for value in (9.0, 10.0):
         model = ModelResiduals(ModelParameters().changed(**{name: value}))
         for sample in GOOD[:600]:
             now = model.step(Values(*sample[1:6]))
-        found.append(model.sensitivities(now)[:, COEFFICIENTS.index(name)] / value)
-    assert np.abs(found[0]).max() > 1e-3 and np.isfinite(found).all()
-    np.testing.assert_allclose(found[1], found[0], rtol=0.35, atol=0.01)
+        sensitivities.append(model.sensitivities(now)[:, COEFFICIENTS.index(name)] / value)
+    assert np.abs(sensitivities[0]).max() > 1e-3 and np.isfinite(sensitivities).all()
+    np.testing.assert_allclose(sensitivities[1], sensitivities[0], rtol=0.35, atol=0.01)
 
 
 def test_load_cell_with_an_offset_is_named() -> None:
-    offset = later(GOOD, force_kn=lambda _, one: one.force_kn + 2.0)
+    offset = later(GOOD, force_kn=lambda _, sample: sample.force_kn + 2.0)
     assert WatchCause.LOAD_CELL_STEP in alarms(offset)
 
 
 def estimates(weld: Iterable[Sample], process: str = "paper") -> dict[WatchCause, Estimate]:
     """Estimates at the end of a weld without an alarm."""
     monitor = Monitor(process)
-    for one in weld:
-        monitor.step(one)
+    for sample in weld:
+        monitor.step(sample)
         assert not any(finding.alarm for finding in monitor.findings)
-    return {one.cause: one for one in monitor.estimates}
+    return {estimate.cause: estimate for estimate in monitor.estimates}
 
 
 @pytest.mark.parametrize("per_min", [-2.0, 2.0])
@@ -226,12 +228,12 @@ def test_smallest_size_of_an_alarm_is_one_within_a_minute_or_two() -> None:
 
 
 def test_what_is_not_judged_says_why() -> None:
-    assert {one.reason for one in Monitor().estimates} == {NotJudged.LEARNING}
+    assert {estimate.reason for estimate in Monitor().estimates} == {NotJudged.LEARNING}
     for process, unknown in (("paper", set()), ("canister", {"heat_gain", "dead_time"})):
-        found = estimates(STILL[:1000], process).values()
-        assert {one.cause.word for one in found if one.reason} == unknown
-        assert all(isfinite(one.size) is not bool(one.reason) for one in found)
-        assert {one.reason for one in found} <= {NotJudged.NONE, NotJudged.HEAT_UNKNOWN}
+        sizes = estimates(STILL[:1000], process).values()
+        assert {estimate.cause.word for estimate in sizes if estimate.reason} == unknown
+        assert all(isfinite(estimate.size) is not bool(estimate.reason) for estimate in sizes)
+        assert {estimate.reason for estimate in sizes} <= {NotJudged.NONE, NotJudged.HEAT_UNKNOWN}
 
 
 @pytest.mark.parametrize(("size", "from_s"), [(0.0, 0), (0.4, 40), (-0.4, 60)])
@@ -251,31 +253,31 @@ def test_size_with_unknown_onset_is_within_two_standard_errors_in_19_welds_of_20
     assert 0.94 < np.mean(np.abs(mean - size) < 2.0 * error) <= 0.995
     if not size:
         likeliest = traces.ratios(traces.sizes()[0]).argmax(axis=0)
-        sizes, errors = (one[likeliest, np.arange(n_welds)] for one in traces.sizes())
+        sizes, errors = (values[likeliest, np.arange(n_welds)] for values in traces.sizes())
         assert np.mean(np.abs(sizes) < 2.0 * errors) < 0.9
 
 
 def test_slow_wear_over_a_long_weld_is_estimated_and_the_end_of_its_heating_is_no_drift() -> None:
     wear_nm_per_s, heating_c_per_s, heated_s = 0.6 / 60.0, 1.0 / 60.0, 600.0
     p, weld = ModelParameters(), []
-    for one in samples(1500.0):
-        warmer_c = heating_c_per_s * min(one.time_s, heated_s)
-        depth_mm = one.depth_mm * (1.0 + p.softening_per_c * warmer_c)
+    for sample in samples(1500.0):
+        warmer_c = heating_c_per_s * min(sample.time_s, heated_s)
+        depth_mm = sample.depth_mm * (1.0 + p.softening_per_c * warmer_c)
         deeper_nm, before_nm = (
-            equations.process_torque_nm(p, one.force_kn, depth)
-            for depth in (depth_mm, one.depth_mm)
+            equations.process_torque_nm(p, sample.force_kn, depth)
+            for depth in (depth_mm, sample.depth_mm)
         )
         weld.append(
-            one._replace(
+            sample._replace(
                 depth_mm=depth_mm,
-                torque_nm=one.torque_nm + deeper_nm - before_nm + wear_nm_per_s * one.time_s,
-                temperature_c=one.temperature_c + warmer_c,
+                torque_nm=sample.torque_nm + deeper_nm - before_nm + wear_nm_per_s * sample.time_s,
+                temperature_c=sample.temperature_c + warmer_c,
             )
         )
-    found = estimates(weld, "canister")
-    wear = found[WatchCause.TOOL_WEAR]
+    sizes = estimates(weld, "canister")
+    wear = sizes[WatchCause.TOOL_WEAR]
     assert wear.is_distinct and abs(wear.size - wear_nm_per_s) < 2.0 * wear.error
-    assert not found[WatchCause.THERMOCOUPLE_DRIFT].is_distinct
+    assert not sizes[WatchCause.THERMOCOUPLE_DRIFT].is_distinct
 
 
 @pytest.mark.slow
@@ -291,8 +293,8 @@ def test_noise_of_the_depth_is_no_alarm_however_long_the_weld() -> None:
 
 def test_excursion_is_no_alarm_and_a_fault_that_stands_is(monkeypatch: pytest.MonkeyPatch) -> None:
     brief = [
-        one._replace(torque_nm=one.torque_nm + 8.0 * (120.0 < one.time_s <= 122.0))
-        for one in STILL[:1500]
+        sample._replace(torque_nm=sample.torque_nm + 8.0 * (120.0 < sample.time_s <= 122.0))
+        for sample in STILL[:1500]
     ]
     standing = list(drifting(STILL, "torque_nm", 20.0 / 60.0))
     assert not alarms(brief)
@@ -305,17 +307,22 @@ def test_excursion_is_no_alarm_and_a_fault_that_stands_is(monkeypatch: pytest.Mo
 @pytest.mark.parametrize("process", PROCESSES)
 @pytest.mark.parametrize("edge_mm", [-0.05, 0.05])
 def test_edge_of_the_workpiece_is_no_fault(process: str, edge_mm: float) -> None:
-    edge = [one._replace(depth_mm=one.depth_mm + edge_mm * (one.time_s > 150.0)) for one in GOOD]
-    found = estimates(edge, process).values()
-    assert all(abs(one.size) < 3.0 * one.error for one in found if not one.reason)
+    edge = [
+        sample._replace(depth_mm=sample.depth_mm + edge_mm * (sample.time_s > 150.0))
+        for sample in GOOD
+    ]
+    sizes = estimates(edge, process).values()
+    assert all(
+        abs(estimate.size) < 3.0 * estimate.error for estimate in sizes if not estimate.reason
+    )
 
 
 def test_gains_are_those_of_the_process() -> None:
     monitor = Monitor()
-    for one in samples(
+    for sample in samples(
         160.0, thermal_gain_c_per_kw=1.1, depth_gain_mm_per_kn_s=0.9, sliding_friction=1.05
     ):
-        monitor.step(one)
+        monitor.step(sample)
     for name, gain in (("heat", 1.1), ("depth", 0.9)):
         estimated, error = monitor.gains[name]
         assert abs(estimated - gain) < 3.0 * error and error < 0.06
@@ -358,20 +365,20 @@ def test_stuck_sensor_is_named_within_3_s_whatever_a_failover_does(
     other = next(name for name in FIELDS.values() if name != field)
     cause, kinds = WatchCause[f"{sensor.upper()}_STUCK"], dict(disturbed)
     for k in range(stuck_at + 61):
-        one, kind = STILL[k], kinds.get(k - stuck_at, "none")
+        sample, kind = STILL[k], kinds.get(k - stuck_at, "none")
         if k >= stuck_at:
-            one = one._replace(**{field: getattr(STILL[stuck_at], field)})
+            sample = sample._replace(**{field: getattr(STILL[stuck_at], field)})
         if kind == "nan":
-            one = one._replace(**{other: nan})
+            sample = sample._replace(**{other: nan})
         elif kind == "jump":  # of another controller's command
-            one = one._replace(
-                force_kn=one.force_kn + 1.0, command_force_kn=one.command_force_kn + 1.0
+            sample = sample._replace(
+                force_kn=sample.force_kn + 1.0, command_force_kn=sample.command_force_kn + 1.0
             )
         elif kind == "lost":
             continue
-        monitor.step(one)
+        monitor.step(sample)
         if kind == "duplicate":
-            monitor.step(one)
+            monitor.step(sample)
         if k >= stuck_at + 50:  # a second of ticks is judged at a time, and some were lost
             assert cause in {finding.cause for finding in monitor.findings}
 
@@ -380,19 +387,19 @@ def test_stuck_sensor_is_named_within_3_s_whatever_a_failover_does(
 @pytest.mark.parametrize("from_s", [0.0, 120.0])
 def test_silence_of_a_stuck_sensor_is_not_learnt_as_normal(sensor: str, from_s: float) -> None:
     field, cause = FIELDS[sensor], WatchCause[f"{sensor.upper()}_STUCK"]
-    held = next(getattr(one, field) for one in STILL if one.time_s > from_s)
+    held = next(getattr(sample, field) for sample in STILL if sample.time_s > from_s)
     monitor = Monitor()
-    for one in STILL:
-        monitor.step(one._replace(**{field: held}) if one.time_s > from_s else one)
-        if one.time_s > from_s + 3.0:
+    for sample in STILL:
+        monitor.step(sample._replace(**{field: held}) if sample.time_s > from_s else sample)
+        if sample.time_s > from_s + 3.0:
             assert [finding.cause for finding in monitor.findings] == [cause]
 
 
 def test_alarm_of_the_process_ends_as_soon_as_a_sensor_is_sick() -> None:
     monitor, before = Monitor(), False
     drift, stuck_mm = list(drifting(STILL[:1800], "torque_nm", 20.0 / 60.0)), STILL[1600].depth_mm
-    for one in drift:
-        monitor.step(one._replace(depth_mm=stuck_mm) if one.time_s > 160.0 else one)
+    for sample in drift:
+        monitor.step(sample._replace(depth_mm=stuck_mm) if sample.time_s > 160.0 else sample)
         causes = {finding.cause for finding in monitor.findings if finding.alarm}
         if WatchCause.DEPTH_STUCK in causes:
             assert causes == {WatchCause.DEPTH_STUCK}
@@ -410,21 +417,21 @@ def test_healthy_coarse_sensor_is_not_stuck() -> None:
 
 def test_noise_that_grows_or_goes_and_spikes_are_named() -> None:
     random = np.random.default_rng(4)
-    grown = later(GOOD, depth_mm=lambda _, one: one.depth_mm + 0.006 * random.normal())
+    grown = later(GOOD, depth_mm=lambda _, sample: sample.depth_mm + 0.006 * random.normal())
     assert alarms(grown).keys() == {WatchCause.DEPTH_NOISE_GROWN}
     assert WatchCause.THERMOCOUPLE_NOISE_GONE in alarms(
         later(STILL, temperature_c=lambda k, _: 816.4 + 1e-4 * k)
     )
-    spikes = later(GOOD, torque_nm=lambda k, one: one.torque_nm + 100.0 * (k % 50 == 0))
+    spikes = later(GOOD, torque_nm=lambda k, sample: sample.torque_nm + 100.0 * (k % 50 == 0))
     assert alarms(spikes).keys() == {WatchCause.TORQUE_SPIKES}
 
 
 def test_detached_thermocouple_is_named_and_its_residuals_are_withheld() -> None:
     falling = list(drifting(GOOD, "temperature_c", -5.0))
-    found = alarms([one for one in falling if one.temperature_c > 400.0])
+    causes = alarms([sample for sample in falling if sample.temperature_c > 400.0])
     # its fall may be an alarm as a drift first, and nothing else is one
-    assert found.keys() <= {WatchCause.THERMOCOUPLE_DRIFT, WatchCause.THERMOCOUPLE_DETACHED}
-    assert found[WatchCause.THERMOCOUPLE_DETACHED][0] < 127.0
+    assert causes.keys() <= {WatchCause.THERMOCOUPLE_DRIFT, WatchCause.THERMOCOUPLE_DETACHED}
+    assert causes[WatchCause.THERMOCOUPLE_DETACHED][0] < 127.0
 
 
 def test_fall_of_the_temperature_that_the_power_makes_is_no_lost_contact() -> None:
@@ -459,15 +466,17 @@ def test_drive_that_follows_a_slow_command_does_not_stick() -> None:
 
 
 def test_offset_of_the_load_cell_is_no_stiction() -> None:
-    offset = [one._replace(command_force_kn=one.command_force_kn + 0.3) for one in GOOD]
+    offset = [sample._replace(command_force_kn=sample.command_force_kn + 0.3) for sample in GOOD]
     assert WatchCause.FORCE_STICKS not in alarms(offset)
 
 
 def test_command_at_its_limit_is_shown_and_no_alarm() -> None:
     monitor = Monitor()
-    for one in STILL[:800]:
-        monitor.step(one._replace(command_speed_rpm=500.0, speed_rpm=500.0))
-    assert WatchCause.SPEED_SATURATED in {one.cause for one in monitor.findings if not one.alarm}
+    for sample in STILL[:800]:
+        monitor.step(sample._replace(command_speed_rpm=500.0, speed_rpm=500.0))
+    assert WatchCause.SPEED_SATURATED in {
+        finding.cause for finding in monitor.findings if not finding.alarm
+    }
 
 
 # ---------------------------------------------------------------- samples
@@ -475,8 +484,8 @@ def test_command_at_its_limit_is_shown_and_no_alarm() -> None:
 
 def test_another_weld_and_a_gap_begin_again() -> None:
     monitor = Monitor()
-    for one in GOOD[:1200]:
-        monitor.step(one)
+    for sample in GOOD[:1200]:
+        monitor.step(sample)
     assert not monitor.learning
     monitor.step(GOOD[0])  # the clock went back
     assert monitor.restarts == 1 and monitor.learning
@@ -485,14 +494,17 @@ def test_another_weld_and_a_gap_begin_again() -> None:
 
 
 def test_sensor_that_is_missing_for_a_while_is_no_fault_of_the_process() -> None:
-    gap = [one._replace(depth_mm=nan) if 130.0 < one.time_s < 160.0 else one for one in GOOD]
+    gap = [
+        sample._replace(depth_mm=nan) if 130.0 < sample.time_s < 160.0 else sample
+        for sample in GOOD
+    ]
     assert not alarms(gap)
 
 
 def test_finding_reports_the_ratio_that_decides_it() -> None:
     monitor, ratios = Monitor(), list[float]()
-    for one in drifting(STILL[:1600], "torque_nm", 20.0 / 60.0):
-        monitor.step(one)
+    for sample in drifting(STILL[:1600], "torque_nm", 20.0 / 60.0):
+        monitor.step(sample)
         assert all(each.log_likelihood == monitor.process.ratio for each in monitor.findings)
         ratios += [each.log_likelihood for each in monitor.findings]
     assert ratios[0] >= ALARM
@@ -500,12 +512,12 @@ def test_finding_reports_the_ratio_that_decides_it() -> None:
 
 def test_fault_begins_again_when_a_missing_sensor_comes_back() -> None:
     monitor, alarmed = Monitor(), False
-    for one in drifting(STILL[:1900], "torque_nm", 20.0 / 60.0):
-        monitor.step(one._replace(torque_nm=nan) if 160.0 < one.time_s < 165.0 else one)
+    for sample in drifting(STILL[:1900], "torque_nm", 20.0 / 60.0):
+        monitor.step(sample._replace(torque_nm=nan) if 160.0 < sample.time_s < 165.0 else sample)
         of_process = [finding for finding in monitor.findings if finding.cause.of_process]
-        alarmed = alarmed or (one.time_s < 160.0 and any(each.alarm for each in of_process))
+        alarmed = alarmed or (sample.time_s < 160.0 and any(each.alarm for each in of_process))
         assert all(isfinite(finding.error) for finding in of_process)
-        if 165.0 < one.time_s <= 167.0:
+        if 165.0 < sample.time_s <= 167.0:
             assert not of_process
     assert alarmed and any(finding.alarm for finding in of_process)
 
@@ -516,8 +528,8 @@ def test_no_sample_stops_it(values: list[tuple[float, ...]]) -> None:
     monitor = Monitor()
     for k, row in enumerate(values):
         monitor.step(Sample(0.1 * (k + 1), *row))
-    for one in GOOD[100:300]:
-        monitor.step(one)
+    for sample in GOOD[100:300]:
+        monitor.step(sample)
     assert all(isfinite(number) for pair in monitor.gains.values() for number in pair)
     assert all(map(isfinite, monitor.disturbances))
 
@@ -531,14 +543,16 @@ def test_covariance_of_identified_parameters_takes_the_place_of_the_default(tmp_
     )
     (tmp_path / "c.yaml").write_text(known.text)
     assert ParameterCovariance.from_file(tmp_path / "c.yaml") == known
-    found = covariance_from(tmp_path / "c.yaml")
-    assert found is not None
+    covariance = covariance_from(tmp_path / "c.yaml")
+    assert covariance is not None
     dead, lag = (COEFFICIENTS.index(name) for name in known.parameters)
-    assert found[dead, dead] == pytest.approx(4e-4 + 0.02**2) and found[
+    assert covariance[dead, dead] == pytest.approx(4e-4 + 0.02**2) and covariance[
         dead, lag
     ] == pytest.approx(1e-5)
-    others = [i for i in range(len(found)) if i not in (dead, lag)]
-    assert (found[np.ix_(others, others)] == default_covariance()[np.ix_(others, others)]).all()
+    others = [i for i in range(len(covariance)) if i not in (dead, lag)]
+    assert (
+        covariance[np.ix_(others, others)] == default_covariance()[np.ix_(others, others)]
+    ).all()
     assert covariance_from("") is None
 
 
@@ -557,7 +571,7 @@ def test_file_that_is_no_covariance_is_refused(tmp_path, text: str) -> None:  # 
 
 
 @pytest.mark.parametrize(
-    "cause", [one for one in WatchCause if one not in (WatchCause.NONE, WatchCause.UNKNOWN)]
+    "cause", [cause for cause in WatchCause if cause not in (WatchCause.NONE, WatchCause.UNKNOWN)]
 )
 def test_every_cause_has_words(cause: WatchCause) -> None:
     finding = Finding(cause, size=1.0, error=0.1, others=(WatchCause.TOOL_WEAR,))
@@ -577,5 +591,5 @@ def test_codes_are_those_of_the_message(message: str, codes: type[Coded]) -> Non
     text = (folder / f"{message}.msg").read_text("utf-8")
     constants = re.findall(r"^uint8 (\w+)=(\d+)$", text, re.MULTILINE)
     assert {name: int(number) for name, number in constants} == {
-        one.name: int(one) for one in codes
+        code.name: int(code) for code in codes
     }

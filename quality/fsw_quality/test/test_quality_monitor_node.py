@@ -37,8 +37,8 @@ class Graph(Spinner):
         self.drives = node.create_publisher(DriveFeedback, "fsw/drives", STREAM)
         self.commands = node.create_publisher(WeldCommand, "fsw/command", STREAM)
         self.sensors = sensor_publishers(node)
-        for one in (self.monitor, node):
-            self.executor.add_node(one)
+        for member in (self.monitor, node):
+            self.executor.add_node(member)
         self.until(
             lambda: self.drives.get_subscription_count() and self.commands.get_subscription_count()
         )
@@ -47,19 +47,19 @@ class Graph(Spinner):
         self.executor.spin_once(timeout_sec=0.001)
 
     def on_diagnostics(self, message):
-        for one in message.status:
-            self.parts[one.name] = one
+        for status in message.status:
+            self.parts[status.name] = status
 
     def weld(self, **values):
         """Publish a tick."""
-        one = WELD[self.tick % len(WELD)]._replace(**values)
+        sample = WELD[self.tick % len(WELD)]._replace(**values)
         self.tick += 1
-        stamp_ns, command = self.tick * TICK_NS, Command(one.force_kn, one.speed_rpm)
+        stamp_ns, command = self.tick * TICK_NS, Command(sample.force_kn, sample.speed_rpm)
         self.drives.publish(convert.drives_message(command, stamp_ns))
         for name, value in (
-            ("depth", one.depth_mm),
-            ("torque", one.torque_nm),
-            ("thermocouple", one.temperature_c),
+            ("depth", sample.depth_mm),
+            ("torque", sample.torque_nm),
+            ("thermocouple", sample.temperature_c),
         ):
             self.sensors[name].publish(convert.sensor_message(name, value, stamp_ns))
         self.commands.publish(convert.command_message(command, stamp_ns, "decentral"))
@@ -84,12 +84,12 @@ class Graph(Spinner):
 
 @pytest.fixture
 def graph(domain_id):  # noqa: F811
-    one = Graph(domain_id)
-    yield one
-    one.executor.shutdown()
-    for node in (one.monitor, one.node):
+    running = Graph(domain_id)
+    yield running
+    running.executor.shutdown()
+    for node in (running.monitor, running.node):
         node.destroy_node()
-    one.context.try_shutdown()
+    running.context.try_shutdown()
 
 
 def test_it_waits_for_a_weld_then_publishes_code_and_words_until_the_fault_is_over(graph):
@@ -97,19 +97,21 @@ def test_it_waits_for_a_weld_then_publishes_code_and_words_until_the_fault_is_ov
     graph.weld_until(
         lambda: (
             graph.health
-            and WeldFinding.TORQUE_STUCK in [one.cause for one in graph.health[-1].findings]
+            and WeldFinding.TORQUE_STUCK
+            in [finding.cause for finding in graph.health[-1].findings]
         ),
         torque_nm=1052.9,
     )
-    found = graph.health[-1]
-    (finding,) = found.findings
+    health = graph.health[-1]
+    (finding,) = health.findings
     assert finding.alarm and finding.size >= 1.0 and math.isnan(finding.log_likelihood)
-    assert found.process == "paper" and found.learning
-    assert set(found.gain_names) == {"torque", "depth", "heat"} and all(
-        map(math.isfinite, found.gains)
+    assert health.process == "paper" and health.learning
+    assert set(health.gain_names) == {"torque", "depth", "heat"} and all(
+        map(math.isfinite, health.gains)
     )
-    assert len(found.estimates) == 10 and all(
-        one.reason == WeldEstimate.LEARNING and math.isnan(one.size) for one in found.estimates
+    assert len(health.estimates) == 10 and all(
+        estimate.reason == WeldEstimate.LEARNING and math.isnan(estimate.size)
+        for estimate in health.estimates
     )
     graph.until(lambda: graph.level(STUCK) == DiagnosticStatus.WARN)
     assert {"tool_wear", "dead_time"} <= {

@@ -54,9 +54,9 @@ def run(*arguments: object) -> int:
     return main(["record", *map(str, arguments)])
 
 
-def verdict(found: Record) -> str:
+def verdict(record: Record) -> str:
     """But for the rule that the weld ran by another procedure."""
-    return str(decide([rule for rule in found.rules if rule.name != "procedure"]).verdict)
+    return str(decide([rule for rule in record.rules if rule.name != "procedure"]).verdict)
 
 
 def with_changes(folder: Path, **changes: Any) -> Path:
@@ -99,15 +99,15 @@ def test_the_record_is_written_by_itself(recorded: Path) -> None:
     """By the procedure of the weld, whose limits the nodes had; what they told is on record."""
     log = (recorded / "on_finished.log").read_text(encoding="utf-8")
     assert log.endswith("exit code 0\n"), log
-    found = Record.model_validate_json(
+    record = Record.model_validate_json(
         (recorded / "record" / "record.json").read_text(encoding="utf-8")
     )
-    assert found.verdict == "review" and (recorded / "record" / "record.pdf").exists()
-    assert {"procedure.yaml", "parameters/fsw_procedure.yaml"} <= set(found.attachments_sha256)
-    assert "code of fsw_supervisor" in found.software
-    assert not [event for event in found.events if event.kind == "deviation"]
-    (welded_by,) = [rule for rule in found.rules if rule.name == "procedure"]
-    assert welded_by.verdict == "accept" and welded_by.data["sha256"] == found.procedure.sha256
+    assert record.verdict == "review" and (recorded / "record" / "record.pdf").exists()
+    assert {"procedure.yaml", "parameters/fsw_procedure.yaml"} <= set(record.attachments_sha256)
+    assert "code of fsw_supervisor" in record.software
+    assert not [event for event in record.events if event.kind == "deviation"]
+    (welded_by,) = [rule for rule in record.rules if rule.name == "procedure"]
+    assert welded_by.verdict == "accept" and welded_by.data["sha256"] == record.procedure.sha256
 
 
 @pytest.mark.slow
@@ -131,12 +131,12 @@ def test_record_of_a_recorded_weld(
     assert run(recorded, "--procedure", asked, "--out", tmp_path / "out") == 0
     assert "REVIEW (quality: depth_error_mm -0.1 to 0.1: " in capsys.readouterr().out
     text = (tmp_path / "out" / "record.json").read_text(encoding="utf-8")
-    found = Record.model_validate_json(text)
-    assert {rule.name for rule in found.rules if rule.verdict != "accept"} == {"quality"}
-    assert found.procedure.sha256 == procedure.load(asked).sha256
-    assert found.identity == {"canister": "C-1", "tool": "T-4"}
-    assert [fact.code for fact in found.proof] == [FactCode.AS_LISTED, FactCode.UNSIGNED]
-    edge = next(exceedance for exceedance in found.exceedances if exceedance.duration_s > 0.3)
+    record = Record.model_validate_json(text)
+    assert {rule.name for rule in record.rules if rule.verdict != "accept"} == {"quality"}
+    assert record.procedure.sha256 == procedure.load(asked).sha256
+    assert record.identity == {"canister": "C-1", "tool": "T-4"}
+    assert [fact.code for fact in record.proof] == [FactCode.AS_LISTED, FactCode.UNSIGNED]
+    edge = next(exceedance for exceedance in record.exceedances if exceedance.duration_s > 0.3)
     assert (
         6.0 <= edge.begin_s <= 6.3
         and edge.phases == ("joint_line",)
@@ -150,12 +150,12 @@ def test_record_of_a_recorded_weld(
     assert edge.angle_deg is not None and edge.angle_deg[0] == pytest.approx(
         edge.travel_mm[0] / 9.163, abs=0.6
     )
-    joint_line = next(phase for phase in found.phases if phase.phase == "joint_line")
+    joint_line = next(phase for phase in record.phases if phase.phase == "joint_line")
     assert joint_line.envelopes["traverse_mm_per_min"].mean == pytest.approx(300.0, rel=0.03)
-    assert {file.name for file in found.files} == {
+    assert {file.name for file in record.files} == {
         "bag_0.mcap",
         "metadata.yaml",
-    } and "numpy" in found.software
+    } and "numpy" in record.software
     page = (tmp_path / "out" / "record.html").read_text(encoding="utf-8")
     assert (
         "REVIEW" in page
@@ -177,7 +177,7 @@ def test_a_recorded_weld_is_attested_with_the_record_that_was_written_by_itself(
     bag = Path(shutil.copytree(recorded, tmp_path / "bag"))
     make_key(tmp_path / "config" / "fsw-control" / "evidence_key")
     assert main(["bag", "attest", str(bag), "--chain", str(tmp_path / "chain")]) == 0
-    found = tmp_path / "found.json"
+    target = tmp_path / "found.json"
     assert (
         main(
             [
@@ -187,12 +187,12 @@ def test_a_recorded_weld_is_attested_with_the_record_that_was_written_by_itself(
                 "--chain",
                 str(tmp_path / "chain"),
                 "--json",
-                str(found),
+                str(target),
             ]
         )
         == 0
     )
-    [result] = json.loads(found.read_text(encoding="utf-8"))["bags"]
+    [result] = json.loads(target.read_text(encoding="utf-8"))["bags"]
     assert (
         result["attested"]["procedure"]["sha256"] == procedure.load(with_changes(tmp_path)).sha256
     )
@@ -208,9 +208,9 @@ def test_a_damaged_bag_is_never_accepted(recorded: Path, tmp_path: Path) -> None
     for share in (0.5, 0.8, 0.999):
         cut = tmp_path / f"cut_{share}.mcap"
         cut.write_bytes(data[: int(share * len(data))])
-        found = make(cut, asked)[0]
-        assert verdict(found) != "accept"
-        assert any("not finished" in str(one.data) for one in found.cannot_say)
+        record = make(cut, asked)[0]
+        assert verdict(record) != "accept"
+        assert any("not finished" in str(fact.data) for fact in record.cannot_say)
 
 
 @pytest.mark.slow
@@ -229,11 +229,11 @@ def test_a_flipped_bit_is_told_or_changes_nothing(recorded: Path, tmp_path: Path
             data[:at] + bytes([data[at] ^ (1 << random.randrange(8))]) + data[at + 1 :]
         )
         try:
-            found = make(bag, asked)[0]
+            record = make(bag, asked)[0]
         except BagError:
             continue
-        assert verdict(found) != "accept" or found.changed(files=unharmed.files) == unharmed, at
-        assert found.files != unharmed.files
+        assert verdict(record) != "accept" or record.changed(files=unharmed.files) == unharmed, at
+        assert record.files != unharmed.files
 
 
 def test_what_has_no_record_is_said_in_one_line(
@@ -260,11 +260,11 @@ def test_weld_without_a_phase_of_its_procedure_is_rejected(
     if has_programme:
         write_programme_weld(tmp_path / "programme")
     foreign = procedure.load(with_changes(tmp_path, phases=[PHASES[1]]))
-    found, _ = make(tmp_path / "programme" if has_programme else weld_bag, foreign)
-    assert (verdict(found), found.deciding.name) == ("reject", "complete")
-    assert "no_phase" in [fact.code for fact in found.deciding.facts]
+    record, _ = make(tmp_path / "programme" if has_programme else weld_bag, foreign)
+    assert (verdict(record), record.deciding.name) == ("reject", "complete")
+    assert "no_phase" in [fact.code for fact in record.deciding.facts]
     names = ["dwell", "start"] if has_programme else []
-    assert [phase.phase for phase in found.phases] == [*names, "whole weld"]
+    assert [phase.phase for phase in record.phases] == [*names, "whole weld"]
 
 
 def test_what_is_not_as_the_manifest_has_it_is_on_record(tmp_path: Path) -> None:
@@ -276,13 +276,13 @@ def test_what_is_not_as_the_manifest_has_it_is_on_record(tmp_path: Path) -> None
         write_programme_weld(bag, 2 if canister == "one" else 1, WriterOptions(manifest=True))
         texts[canister] = (bag / MANIFEST_NAME).read_text(encoding="utf-8")
     bag = tmp_path / "one" / "bag"
-    for canister, told in (("one", False), ("other", True)):
+    for canister, differs in (("one", False), ("other", True)):
         (bag / MANIFEST_NAME).write_text(texts[canister], encoding="utf-8")
-        found = make(bag, values)[0]
-        [rule] = [rule for rule in found.rules if rule.name == "recording"]
-        assert ("bag_0.mcap" in rule.figure) is told
-        assert (FactCode.NOT_AS_LISTED in {fact.code for fact in found.proof}) is told
-        assert (FactCode.DAMAGE in {fact.code for fact in found.cannot_say}) is told
+        record = make(bag, values)[0]
+        [rule] = [rule for rule in record.rules if rule.name == "recording"]
+        assert ("bag_0.mcap" in rule.figure) is differs
+        assert (FactCode.NOT_AS_LISTED in {fact.code for fact in record.proof}) is differs
+        assert (FactCode.DAMAGE in {fact.code for fact in record.cannot_say}) is differs
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,7 @@ def test_one_sample_outside_an_essential_limit_is_never_accepted(
         for exceedance in record.exceedances
         if exceedance.limit.kind == "essential" and exceedance.limit.variable == name
     ]
-    assert [one.samples for one in own] == [min(ticks, TICKS - tick)]
+    assert [run.samples for run in own] == [min(ticks, TICKS - tick)]
     assert own[0].begin_s == pytest.approx(0.1 * (tick + 1)) and own[0].extreme == value
     assert record.verdict is (Verdict.REJECT if own[0].samples > 3 else Verdict.REVIEW)
     assert record.deciding.name == "essential"
@@ -305,8 +305,8 @@ def test_a_weld_by_the_procedure_that_judges_it_is_accepted_and_one_by_an_unknow
     record = judged(weld)
     rule = next(rule for rule in record.rules if rule.name == "procedure")
     assert record.verdict is Verdict.ACCEPT and FactCode.NO_PROCEDURE not in unknown(record)
-    told = {"procedure": wanted.id, "revision": wanted.revision, "sha256": wanted.sha256}
-    assert rule.facts == (Fact.of(FactCode.WELDED_BY, **told),) and rule.data == told
+    identity = {"procedure": wanted.id, "revision": wanted.revision, "sha256": wanted.sha256}
+    assert rule.facts == (Fact.of(FactCode.WELDED_BY, **identity),) and rule.data == identity
 
 
 def test_the_procedure_that_is_attached_to_the_bag_is_the_one_of_the_weld() -> None:
@@ -491,15 +491,20 @@ def test_what_ends_a_weld_decides_before_what_its_gaps_hide() -> None:
 def test_where_an_exceedance_was() -> None:
     weld = good_weld()
     weld.temperature_c[30:35] = [911.0, 915.0, np.nan, 912.0, 911.0]
-    [found] = [
+    [finding] = [
         exceedance
         for exceedance in judged(weld).exceedances
         if exceedance.limit.kind == "essential" and exceedance.limit.variable == "temperature_c"
     ]
-    assert (found.begin_s, found.duration_s, found.samples, found.missing) == (3.1, 0.5, 5, 1)
-    assert (found.extreme, found.beyond) == (915.0, 5.0)
-    assert found.phases == ("joint_line",) and found.commanded_by == "decentral"
-    assert found.angle_deg == pytest.approx((0.42, 0.50)) and found.travel_mm == pytest.approx(
+    assert (finding.begin_s, finding.duration_s, finding.samples, finding.missing) == (
+        3.1,
+        0.5,
+        5,
+        1,
+    )
+    assert (finding.extreme, finding.beyond) == (915.0, 5.0)
+    assert finding.phases == ("joint_line",) and finding.commanded_by == "decentral"
+    assert finding.angle_deg == pytest.approx((0.42, 0.50)) and finding.travel_mm == pytest.approx(
         (4.2, 5.0), abs=0.05
     )
 
@@ -509,7 +514,9 @@ def test_the_traverse_speed_does_not_jump_where_a_phase_begins_in_motion() -> No
     weld = good_weld()
     reports = sorted([*range(DWELL, TICKS, 10), DWELL + 28, TICKS - 1])
     at = np.searchsorted(np.array(reports) + 1, np.arange(1, TICKS + 1), side="right") - 1
-    weld.travel_mm = np.array([0.2 * (reports[one] - DWELL) if one >= 0 else 0.0 for one in at])
+    weld.travel_mm = np.array(
+        [0.2 * (reports[report] - DWELL) if report >= 0 else 0.0 for report in at]
+    )
     weld.angle_deg = 0.1 * weld.travel_mm
     begin_s = 0.1 * (DWELL + 28)
     weld.phases.append(("overlap", begin_s))

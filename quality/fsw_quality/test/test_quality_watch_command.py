@@ -25,10 +25,10 @@ def test_monitor_of_a_bag_writes_figure_and_json(tmp_path):
     figure, figures = tmp_path / "figure.png", tmp_path / "told.json"
     assert main(["monitor", str(BAG), "--figure", str(figure), "--json", str(figures)]) == 0
     assert figure.read_bytes().startswith(b"\x89PNG")
-    told = json.loads(figures.read_text())
-    assert len(told["estimates"]) == 10
-    assert (told["process"], told["alarms"], told["others"]) == ("paper", [], [])
-    assert told["gains"]["torque"]["gain"] == pytest.approx(1.0, abs=0.02)
+    content = json.loads(figures.read_text())
+    assert len(content["estimates"]) == 10
+    assert (content["process"], content["alarms"], content["others"]) == ("paper", [], [])
+    assert content["gains"]["torque"]["gain"] == pytest.approx(1.0, abs=0.02)
     assert main(["monitor", str(BAG), "--figure", str(figure)]) == 1
 
 
@@ -37,13 +37,13 @@ def test_monitor_of_a_bag_estimates_what_it_judges_and_says_what_not(tmp_path, c
     words = ["monitor", str(BAG), "--process", "canister", "--figure", str(figure)]
     assert main([*words, "--json", str(figures)]) == 0
     content = json.loads(figures.read_text())
-    told = content["estimates"]
-    assert {name for name, one in told.items() if "not_judged" in one} == LEFT_OUT
+    estimates = content["estimates"]
+    assert {name for name, estimate in estimates.items() if "not_judged" in estimate} == LEFT_OUT
     assert content["gains"].keys() == {"torque", "depth"}, "that of the heat is not known, either"
-    judged = {name: one for name, one in told.items() if name not in LEFT_OUT}
-    assert all(one["standard_error"] > 0.0 for one in judged.values())
+    judged = {name: estimate for name, estimate in estimates.items() if name not in LEFT_OUT}
+    assert all(estimate["standard_error"] > 0.0 for estimate in judged.values())
     assert judged["thermocouple_drift"]["unit"] == "°C/min"
-    assert {one["unit"] for one in judged.values()} >= {"mm/min", "kN", "N·m", "%"}
+    assert {estimate["unit"] for estimate in judged.values()} >= {"mm/min", "kN", "N·m", "%"}
     out = capsys.readouterr().out
     assert out.count(NotJudged.HEAT_UNKNOWN.word.replace("_", " ")) == 2
 

@@ -1,21 +1,17 @@
 """The series of welds: its bags hold what was welded, and a short series has all that a long one has."""
 
 import json
-from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 import yaml
 
 pytest.importorskip("pyarrow")
-pytest.importorskip("cryptography")
 
 from fsw_analysis.signals import load_weld
-from fsw_quality import attestation, history
-from fsw_quality.evidence import Policy, verify_bag
+from fsw_quality import history
 from fsw_recorder.manifest import read_manifest
 from fsw_recorder.manifest_check import check_files
-from fsw_recorder.signature import load_trusted
 from fsw_scenario import procedure
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
@@ -107,14 +103,9 @@ def test_short_series_writes_all_outputs_and_resumes(tmp_path, capsys):
     arguments[1] = "2"
     assert command.main(arguments) == 0
     assert (folder / "welds" / "C001" / "row.json").stat().st_mtime_ns == first
-    assert "chain: 2 welds, intact" in capsys.readouterr().out
     assert history.load(folder / "history")["weld"].to_pylist() == ["C001", "C002"]
-    trusted = load_trusted([folder / "key" / "series.pub"])
-    chain = attestation.Chain(folder / "chain", trusted)
     for name in ("C001", "C002"):
         place = folder / "welds" / name
-        result = verify_bag(place / "bag", Policy(trusted), datetime.now(UTC), chain)
-        assert not result.findings and result.attested.identity["canister"] == name
         made = json.loads((place / "record" / "record.json").read_text())
         assert made["verdict"] == "accept" and made["identity"]["tool"] == "T1"
     assert (folder / "report.html").exists()

@@ -56,27 +56,23 @@ def monitor(arguments: argparse.Namespace) -> int:
         for name, (gain, error) in watched.gains.items()
     }
     intervals = {"alarms": watched.alarms, "others": watched.others}
-    found = {name: [_json(one) for one in some] for name, some in intervals.items()}
-    estimates = {one.cause.word: one.numbers for one in watched.estimates[-1]}
-    content = {"process": process, **found, "estimates": estimates, "gains": gains}
+    findings = {name: [_json(interval) for interval in some] for name, some in intervals.items()}
+    estimates = {estimate.cause.word: estimate.numbers for estimate in watched.estimates[-1]}
+    content = {"process": process, **findings, "estimates": estimates, "gains": gains}
     write_json(arguments.json, content)
     return 0
 
 
-def _json(one: Interval) -> dict[str, object]:
-    finding = one.finding
-    size, error = finding.scaled
-    numbers = {
-        "size": size,
-        "standard_error": error,
-        "log_likelihood": finding.log_likelihood,
-    }
+def _json(interval: Interval) -> dict[str, object]:
+    finding = interval.finding
+    names = ("size", "standard_error", "log_likelihood")
+    numbers = zip(names, (*finding.scaled, finding.log_likelihood), strict=True)
     return {
-        "begin_s": one.begin_s,
-        "end_s": one.end_s,
+        "begin_s": interval.begin_s,
+        "end_s": interval.end_s,
         "cause": finding.cause.word,
         "others": [other.word for other in finding.others],
-        **{name: value if isfinite(value) else None for name, value in numbers.items()},
+        **{name: value if isfinite(value) else None for name, value in numbers},
         "unit": finding.unit,
     }
 
@@ -91,8 +87,8 @@ def _print(watched: Watched, process: str) -> None:
             ]
             print_table(rows, ("from [s]", "to [s]", "cause", "advice"))
     rows = [
-        (one.name, one.text, "x" if one.is_distinct else "", one.alarm_text)
-        for one in watched.estimates[-1]
+        (estimate.name, estimate.text, "x" if estimate.is_distinct else "", estimate.alarm_text)
+        for estimate in watched.estimates[-1]
     ]
     print(
         "estimated at the end, each as if it alone had been there for a minute; no claim that it is:"

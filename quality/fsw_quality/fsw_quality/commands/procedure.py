@@ -80,33 +80,19 @@ def _identity(procedure: Procedure) -> str:
 def show(arguments: argparse.Namespace) -> int:
     procedure = load(arguments.procedure)
     print(f"{procedure.title}\n{_identity(procedure)}\n")
+    material, joint = procedure.material, procedure.geometry
     tool, machine = procedure.tool, procedure.machine
     shape = f"probe {tool.probe_length_mm:g} mm, shoulder {tool.shoulder_diameter_mm:g} mm, {tool.shoulder}"
     rows = [
-        (
-            "material",
-            f"{procedure.material.name}, {procedure.material.thickness_mm:g} mm",
-            procedure.material.source,
-        ),
-        (
-            "joint",
-            f"{procedure.geometry.joint}, {procedure.geometry.diameter_mm:g} mm",
-            procedure.geometry.source,
-        ),
+        ("material", f"{material.name}, {material.thickness_mm:g} mm", material.source),
+        ("joint", f"{joint.joint}, {joint.diameter_mm:g} mm", joint.source),
         ("tool", f"{tool.id or 'any'}: {shape}", tool.source),
         ("machine", f"{machine.name}, {machine.traverse_mm_per_min:g} mm/min", machine.source),
     ]
-    for name, point in (
-        ("depth_mm", procedure.set_points.depth_mm),
-        ("temperature_c", procedure.set_points.temperature_c),
-    ):
-        rows.append(
-            (
-                f"set-point {name}",
-                f"{point.value:g}, permitted {point.min:g} to {point.max:g}",
-                point.source,
-            )
-        )
+    for name in ("depth_mm", "temperature_c"):
+        point = getattr(procedure.set_points, name)
+        words = f"{point.value:g}, permitted {point.min:g} to {point.max:g}"
+        rows.append((f"set-point {name}", words, point.source))
     rows += [(kind, limit.words, limit.source) for kind, limit in procedure.limits()]
     for phase in procedure.phases:
         end = f"{phase.duration_s:g} s" if phase.to_deg is None else f"to {phase.to_deg:g} deg"

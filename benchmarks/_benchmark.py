@@ -1,0 +1,92 @@
+"""What all benchmarks share: their environment, command line, table, JSON file and page of results.
+
+Import it before all that the environment installs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+Figures = dict[str, Any]
+
+HERE = Path(__file__).resolve().parent
+WORKSPACE = HERE.parent
+RESULTS = WORKSPACE / "docs" / "results"
+sys.path.append(str(WORKSPACE / "scripts"))
+
+# a benchmark that is run, not one that a test or another script imports, nor a process of its pool
+if Path(sys.argv[0]).resolve().parent == HERE and multiprocessing.parent_process() is None:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # one weld on one core
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from _bootstrap import ensure
+
+    ensure(dev=True, extras=("canister", "history", "hmi", "machine"))
+
+
+def parser(description: str | None, quick: str) -> argparse.ArgumentParser:
+    """Parser with ``--quick``, which means what ``quick`` says, and ``--json``."""
+    made = argparse.ArgumentParser(description=(description or "").partition("\n")[0])
+    made.add_argument("--quick", action="store_true", help=quick)
+    made.add_argument("--json", type=Path, metavar="FILE", help="write the figures as flat JSON")
+    return made
+
+
+def show(
+    figures: Mapping[str, Any], aims: Mapping[str, float] | None = None, sign: str = ">="
+) -> None:
+    """Print a row per figure, with its aim where it has one."""
+    width = max(map(len, figures))
+    for name, value in figures.items():
+        text = f"{value:.6g}" if isinstance(value, float) else "-" if value is None else str(value)
+        aim = f"  aim: {sign} {aims[name]:g}" if aims and name in aims else ""
+        print(f"{name:<{width}}{text:>20}{aim}")
+
+
+def save(figures: Mapping[str, Any], path: Path | None) -> None:
+    """Write the figures, if a file was asked for."""
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+
+
+def publish(page: str, content: Mapping[str, Any]) -> None:
+    """Write a page of results by the template of the same name."""
+    from fsw_analysis.report import templates
+
+    template = templates(HERE).get_template(f"{page.replace('-', '_')}.md.j2")
+    (RESULTS / f"{page}.md").write_text(template.render(content), encoding="utf-8")
+
+
+def run(
+    description: str | None,
+    quick: str,
+    measure: Callable[[bool], tuple[Figures, Mapping[str, Any]]],
+    page: str = "",
+) -> None:
+    """Measure, print the figures, save them and, unless quick, write the page.
+
+    ``measure`` is told whether to be quick; it returns the figures and the content of the page.
+    """
+    chosen = parser(description, quick).parse_args()
+    figures, content = measure(chosen.quick)
+    show(figures)
+    save(figures, chosen.json)
+    if page and not chosen.quick:
+        publish(page, content)
+
+
+def counted(results: Iterable[Any], jobs: Sequence[Any], name: str = "") -> list[Any]:
+    """All results, with the progress on standard error."""
+    found = []
+    for result in results:
+        found.append(result)
+        print(f"\r{name} {len(found)} of {len(jobs)}", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return found
