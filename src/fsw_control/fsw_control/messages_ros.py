@@ -155,11 +155,9 @@ def actuator_state(message: DriveFeedback) -> ActuatorState:
 
 
 def stop(message: StopMessage) -> Stop:
-    """Copy of the stop register; an unknown cause, as of a later version, counts as none."""
-    cause = StopCause(message.cause) if message.cause in set(StopCause) else StopCause.NONE
-    return Stop(
-        int(message.epoch), bool(message.stopped), cause, message.who, stamp_ns(message.since)
-    )
+    """Copy of the stop register."""
+    cause, since_ns = StopCause(message.cause), stamp_ns(message.since)
+    return Stop(int(message.epoch), bool(message.stopped), cause, message.who, since_ns)
 
 
 def stop_message(value: Stop) -> StopMessage:
