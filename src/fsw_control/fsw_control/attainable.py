@@ -36,10 +36,8 @@ def out_of_reach(due: Reference, attainable: Reference, share: float = 1.0) -> F
     share : float, optional
         Scale of the reporting threshold; below 1 (hysteresis) if a difference is already reported.
     """
-    depth_mm, temperature_c = (
-        attainable.depth_mm - due.depth_mm,
-        attainable.temperature_c - due.temperature_c,
-    )
+    depth_mm = attainable.depth_mm - due.depth_mm
+    temperature_c = attainable.temperature_c - due.temperature_c
     parts = []
     if abs(temperature_c) > share * _NEAR_C:
         pair = {"asked_c": due.temperature_c, "attainable_c": attainable.temperature_c}

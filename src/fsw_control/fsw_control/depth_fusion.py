@@ -14,12 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fsw_control.depth_bank import DEPTH, Array, DepthBank
-from fsw_control.depth_channels import (
-    CHANNELS,
-    ChannelHealth,
-    DepthChannel,
-    DepthFusionSettings,
-)
+from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel, DepthFusionSettings
 from fsw_control.depth_edges import SurfaceEdges
 from fsw_control.depth_footprint import Footprint
 from fsw_control.depth_tests import DISAGREE, ChannelTests, Mask

@@ -65,9 +65,8 @@ class _Interrupts:
         now_s = time.monotonic()
         if self._first_s is None:
             self._first_s = now_s
-        if self.phase == "starting" or (
-            self.phase == "spinning" and now_s - self._first_s > _PATIENCE_S
-        ):
+        is_second = self.phase == "spinning" and now_s - self._first_s > _PATIENCE_S
+        if self.phase == "starting" or is_second:
             self.phase = "ending"
             raise KeyboardInterrupt
 
@@ -130,9 +129,8 @@ def run(
             words = remove_ros_args(args=argv)[1:]
             taken = 1 if arguments is not None and arguments.positional else 0
             if surplus := words[taken:] or [word for word in words if word.startswith("-")]:
-                raise ValueError(
-                    f"unknown arguments {' '.join(surplus)}; ROS arguments go after --ros-args"
-                )
+                text = f"unknown arguments {' '.join(surplus)}"
+                raise ValueError(f"{text}; ROS arguments go after --ros-args")
             node = factory(*words)
             interrupts.phase = "spinning"
             _spin(node, interrupts)
@@ -145,10 +143,8 @@ def run(
                     raise
                 # Any error during the start (rcl's argument errors are RuntimeErrors) is reported
                 # in one line.
-                print(
-                    f"{program}: {' '.join(str(error).split()) or type(error).__name__}",
-                    file=sys.stderr,
-                )
+                text = " ".join(str(error).split()) or type(error).__name__
+                print(f"{program}: {text}", file=sys.stderr)
                 return 2
         finally:
             interrupts.phase = "ending"

@@ -57,9 +57,7 @@ class StopHolder:
         self._publisher.publish(message)
 
     def _on_report(self, message: StopReport) -> None:
-        if (
-            message.holder != self._node.get_fully_qualified_name()
-            or message.stop.epoch > self._register.value.epoch
-        ):
+        is_own = message.holder == self._node.get_fully_qualified_name()
+        if not is_own or message.stop.epoch > self._register.value.epoch:
             self._on_stop(convert.stop(message.stop))
             self.look()

@@ -121,11 +121,7 @@ _ROWS = (
 #: by interlock, the value that it watches
 QUANTITIES = {row.name: row.quantity for row in _ROWS}
 _LIMITS = {row.name: row.limits() for row in _ROWS}
-INTERLOCKS = create_model(
-    "Interlocks",
-    __base__=_Interlocks,
-    **fields_of(_LIMITS),
-)()
+INTERLOCKS = create_model("Interlocks", __base__=_Interlocks, **fields_of(_LIMITS))()
 
 
 class SupervisorParameters(NodeParameters):

@@ -53,18 +53,14 @@ class SupervisorNode(LightNode, Node):
         self._values = ParameterValues(self, SupervisorParameters)
         values = self._values.values
         lockstep = values["lockstep"]
-        self._arbiter = Arbiter(
-            SupervisorParameters.from_values(values),
-            lockstep=bool(self.get_parameter("use_sim_time").value)
-            if lockstep == "auto"
-            else lockstep == "on",
-        )
-        self._values.on_change(
-            lambda changed: self._arbiter.configure(SupervisorParameters.from_values(changed))
-        )
-        self._failover = Failover(
-            self._arbiter, uuid.uuid4().hex[:12], values["standby"], time.monotonic()
-        )
+        is_lockstep = lockstep == "on"
+        if lockstep == "auto":
+            is_lockstep = bool(self.get_parameter("use_sim_time").value)
+        read = SupervisorParameters.from_values
+        self._arbiter = Arbiter(read(values), is_lockstep)
+        self._values.on_change(lambda changed: self._arbiter.configure(read(changed)))
+        identity, now_s = uuid.uuid4().hex[:12], time.monotonic()
+        self._failover = Failover(self._arbiter, identity, values["standby"], now_s)
         self._role: Role | None = None
         self._commands: Publisher | None = None
         self._states: Publisher | None = None
@@ -82,17 +78,10 @@ class SupervisorNode(LightNode, Node):
         self._kept_reference = KeptReference(
             self,
             self._leadership.certain,
-            lambda depth_mm, temperature_c: beyond_trip(
-                depth_mm, temperature_c, self._values.values
-            ),
+            lambda *set_points: beyond_trip(*set_points, self._values.values),
         )
-        self._controllers = ControllerTopics(
-            self,
-            self._arbiter.registry,
-            self._on_proposal,
-            self._on_status,
-            self._kept_reference.listen_to,
-        )
+        takers = self._on_proposal, self._on_status, self._kept_reference.listen_to
+        self._controllers = ControllerTopics(self, self._arbiter.registry, *takers)
         self.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, STREAM)
         subscribe_sensors(self, self._on_sample, self._arbiter.on_depth_deviation)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
@@ -146,10 +135,9 @@ class SupervisorNode(LightNode, Node):
                 for item in message.controllers
                 if item.latched_out
             }
+            mode, controller = message.actual_mode, message.actual_controller
             cause, why = Cause(message.cause), Reason.of_messages(message.why)
-            actual = Standing(
-                message.actual_mode, message.actual_controller, cause, why, message.who
-            )
+            actual = Standing(mode, controller, cause, why, message.who)
             self._arbiter.follow_operator(
                 message.target_controller, message.target_mode, inhibited, actual
             )
@@ -227,11 +215,8 @@ class SupervisorNode(LightNode, Node):
             else:
                 self.get_logger().debug(text)
         if self._states is not None and self._role is Role.ACTIVE:
-            self._states.publish(
-                reports.state(
-                    self._arbiter, self.get_clock().now().to_msg(), self._failover.signature
-                )
-            )
+            now, signature = self.get_clock().now().to_msg(), self._failover.signature
+            self._states.publish(reports.state(self._arbiter, now, signature))
 
     # ---------------------------------------------------------------- graph
 
@@ -250,9 +235,8 @@ class SupervisorNode(LightNode, Node):
             self._diagnose()
 
     def _diagnose(self) -> None:
-        if (
-            self._role is Role.LISTENING
-        ):  # for a second at most; whoever watches would miss the report afterwards
+        if self._role is Role.LISTENING:
+            # for a second at most; whoever watches would miss the report afterwards
             return
         if self._role is not Role.ACTIVE:
             line = reports.standby(str(self._role), self._failover.unanswered, self.get_name())
