@@ -83,9 +83,7 @@ class SingleInstanceGuard:
             remedy = "end it first, or set another ROS_DOMAIN_ID or namespace"
             raise AnotherPlantError(f"{self._heard} on {where}: {remedy}")
         if self._others():
-            text = (
-                "a publisher that sends nothing, probably left behind by a killed process; ignored"
-            )
+            text = "a publisher that sends nothing, probably of a killed process; ignored"
             node.get_logger().warning(f"{self._topic} has {text}")
 
     def _others(self) -> bool:

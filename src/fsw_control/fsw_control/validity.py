@@ -80,11 +80,8 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
     common = "hold", "frozen_samples", "confirm_samples"
     return {
         sensor: SensorLimits(
-            *(values[f"validity.{sensor}.{name}"] for name in ("minimum", "maximum", "max_rate")),
-            *(
-                values[f"validity.{name}"]
-                for name in ("hold", "frozen_samples", "confirm_samples")
-            ),
+            *(values[f"validity.{sensor}.{name}"] for name in own),
+            *(values[f"validity.{name}"] for name in common),
             # only the supervisor has it: other nodes believe a jump, because an operator cannot
             # acknowledge there
             max_jump=values.get(f"validity.{sensor}.max_jump", math.inf),
