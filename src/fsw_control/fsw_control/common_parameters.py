@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 from pydantic import Field, create_model, model_validator
 
@@ -157,4 +157,4 @@ def hosted(own: ParameterModel) -> type[NodeParameters]:
     if own is None:
         return ControllerParameters
     model = create_model("HostedParameters", __base__=(own, ControllerParameters))
-    return cast(type[NodeParameters], model)
+    return model

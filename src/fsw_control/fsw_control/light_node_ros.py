@@ -7,7 +7,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -79,9 +79,8 @@ class LightNode:
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
         # Signal handlers of Python run between two waits: this ends each wait.
-        self.create_timer(
-            _LONGEST_WAIT_S, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )  # type: ignore[attr-defined]
+        make: Callable[..., Any] = self.create_timer  # type: ignore[attr-defined]
+        make(_LONGEST_WAIT_S, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def create_publisher(self, *arguments: Any, **options: Any) -> Any:
         """As ``Node.create_publisher``."""

@@ -76,12 +76,13 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
     """Limits of all sensors from parameters ``validity.*``, by default of every controller."""
     if values is None:
         values = defaults(ControllerParameters)
-    own = "minimum", "maximum", "max_rate"
-    common = "hold", "frozen_samples", "confirm_samples"
+    common = [values[f"validity.{name}"] for name in ("hold", "frozen_samples", "confirm_samples")]
     return {
         sensor: SensorLimits(
-            *(values[f"validity.{sensor}.{name}"] for name in own),
-            *(values[f"validity.{name}"] for name in common),
+            values[f"validity.{sensor}.minimum"],
+            values[f"validity.{sensor}.maximum"],
+            values[f"validity.{sensor}.max_rate"],
+            *common,
             # only the supervisor has it: other nodes believe a jump, because an operator cannot
             # acknowledge there
             max_jump=values.get(f"validity.{sensor}.max_jump", math.inf),
