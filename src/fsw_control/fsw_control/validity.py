@@ -76,13 +76,14 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
     """Limits of all sensors from parameters ``validity.*``, by default of every controller."""
     if values is None:
         values = defaults(ControllerParameters)
-    common = [values[f"validity.{name}"] for name in ("hold", "frozen_samples", "confirm_samples")]
+    names = "hold", "frozen_samples", "confirm_samples"
+    hold_s, frozen, confirm = (values[f"validity.{name}"] for name in names)
     return {
         sensor: SensorLimits(
             values[f"validity.{sensor}.minimum"],
             values[f"validity.{sensor}.maximum"],
             values[f"validity.{sensor}.max_rate"],
-            *common,
+            *(hold_s, frozen, confirm),
             # only the supervisor has it: other nodes believe a jump, because an operator cannot
             # acknowledge there
             max_jump=values.get(f"validity.{sensor}.max_jump", math.inf),

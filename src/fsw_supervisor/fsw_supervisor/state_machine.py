@@ -214,10 +214,9 @@ class Machine:
         self.slewing = self.settings.transition_ticks if target is Mode.AUTO else 0
         if trigger is Cause.CONTROLLER_BACK:
             self._automatic.append(self.time_ns)
-        code, data = Code.MODE, {"before": before, "mode": target}
-        if self.active:
-            code, data["controller"] = Code.MODE_WITH, controller
-        self._note(trigger, reason, who, code, **data)
+        data = {"controller": controller} if self.active else {}
+        code = Code.MODE_WITH if self.active else Code.MODE
+        self._note(trigger, reason, who, code, before=before, mode=target, **data)
 
     def _enter(self, mode: Mode) -> None:
         """Enter a mode with the present tick."""

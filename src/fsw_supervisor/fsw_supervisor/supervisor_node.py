@@ -78,7 +78,9 @@ class SupervisorNode(LightNode, Node):
         self._kept_reference = KeptReference(
             self,
             self._leadership.certain,
-            lambda *set_points: beyond_trip(*set_points, self._values.values),
+            lambda depth_mm, temperature_c: beyond_trip(
+                depth_mm, temperature_c, self._values.values
+            ),
         )
         takers = self._on_proposal, self._on_status, self._kept_reference.listen_to
         self._controllers = ControllerTopics(self, self._arbiter.registry, *takers)

@@ -24,6 +24,9 @@ MOST_VALUES = 100_000
 DEEPEST = 50
 _LONGEST_NUMBER = 1_000
 _LONGEST_PROBLEM = 200
+#: errors in shorter texts come from PyYAML's own parser: it names the offending character, but
+#: takes 8 times as long
+_SHORT = 20_000
 _INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
 #: exceptions that PyYAML passes on for a value that does not fit its tag, e.g. ``!!bool 3`` or the
 #: 31st of June
@@ -114,16 +117,24 @@ _AsWritten.add_constructor(_INT, _AsWritten.construct_yaml_int)  # type: ignore[
 _AsWritten.add_constructor(_FLOAT, _AsWritten.construct_yaml_float)  # type: ignore[type-var]
 
 
-# with libyaml in a sixth of the time: nodes read some files at start-up
-_Base: Any = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
-
-
-class _Loader(_AsWritten, _Base):  # type: ignore[misc]
-    """Reads any text."""
+class _Loader(_AsWritten, yaml.SafeLoader):
+    """Reads any text with detailed errors."""
 
     def __init__(self, stream: str) -> None:
-        _Base.__init__(self, stream)
+        yaml.SafeLoader.__init__(self, stream)
         self.begin()
+
+
+if yaml.__with_libyaml__:
+
+    class _FastLoader(_AsWritten, yaml.CSafeLoader):
+        """Reads with libyaml, in a sixth of the time: nodes read some files at start-up."""
+
+        def __init__(self, stream: str) -> None:
+            yaml.CSafeLoader.__init__(self, stream)
+            self.begin()
+else:
+    _FastLoader = _Loader  # type: ignore[misc, assignment]
 
 
 def load_yaml(text: str) -> Any:
@@ -137,7 +148,16 @@ def load_yaml(text: str) -> Any:
     if len(text) > LONGEST_TEXT:
         raise yaml.YAMLError(f"longer than {LONGEST_TEXT} characters; write less into one file")
     try:
-        return yaml.load(text, Loader=_Loader)
+        return _load(text, _FastLoader)
+    except yaml.YAMLError:
+        if len(text) >= _SHORT:
+            raise
+    return _load(text, _Loader)
+
+
+def _load(text: str, loader: type[Any]) -> Any:
+    try:
+        return yaml.load(text, Loader=loader)
     except _OF_A_VALUE as error:
         raise yaml.YAMLError(str(error) or type(error).__name__) from None
 
@@ -155,8 +175,9 @@ def content_of(text: str, where: str) -> Any:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         line = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        problem = _one_line(error.problem or "broken")
-        raise InputError(f"{where}{line}: not valid YAML: {problem}") from None
+        raise InputError(
+            f"{where}{line}: not valid YAML: {_one_line(error.problem or 'broken')}"
+        ) from None
     except yaml.YAMLError as error:
         raise InputError(f"{where}: not valid YAML: {_one_line(str(error))}") from None
 
