@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pydantic import Field, create_model, model_validator
 
 from fsw_control import weld
+from fsw_control.contract import Limits
 from fsw_control.parameters import AT_START, NodeParameters, ParameterModel
 from fsw_control.schema.models import Many, Model, Whole
 from fsw_control.schema.ranges import Range
@@ -29,12 +30,7 @@ class DriveBounds(Model):
 
     @model_validator(mode="after")
     def _ordered(self) -> DriveBounds:
-        for name, low, high in (
-            ("force", self.force_min_kn, self.force_max_kn),
-            ("speed", self.speed_min_rpm, self.speed_max_rpm),
-        ):
-            if not low < high:
-                raise ValueError(f"{name}_min ({low:g}) must be below {name}_max ({high:g})")
+        Limits(self.force_min_kn, self.force_max_kn, self.speed_min_rpm, self.speed_max_rpm)
         return self
 
 

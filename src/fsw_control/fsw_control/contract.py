@@ -110,8 +110,7 @@ class Limits:
         )
         for name, low, high in bounds:
             if not low < high:
-                text = f"{name}_min ({low:g}) must be below {name}_max ({high:g})"
-                raise ValueError(f"limits: {text}")
+                raise ValueError(f"{name}_min ({low:g}) must be below {name}_max ({high:g})")
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Limits:

@@ -101,9 +101,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._last_ns: int | None = None
         self._last_proposal: Proposal | None = None
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
-        self._ticks = WeldTicks(
-            self, self._consume, initial, self._settings["period"], await_drives=self._lockstep
-        )
+        period_s = self._settings["period"]
+        self._ticks = WeldTicks(self, self._consume, initial, period_s, self._lockstep)
         self.applied, self._synchronizer = self._ticks.applied, self._ticks.synchronizer
         self._health: tuple[bool, Reason] | None = None
         self._replaced: tuple[Reference | None, Reference | None] = None, None
@@ -134,9 +133,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._diagnostics = DiagnosticsPublisher(self)
         self._followed = StatedReference(self, f"{topics}/reference")
         self._deadline = DeadlineTimer(self, self._on_deadline)
-        self._heartbeat = self.create_timer(
-            1.0, self._on_heartbeat, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._on_heartbeat, clock=steady)
         # Before the set-points, so that a peer that has discovered the subscription to those can
         # rely on this one, too.
         self.create_subscription(WeldReferencePlan, "fsw/reference_plan", self._on_plan, LATEST)
@@ -260,9 +258,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
                 self._predictions.publish(convert.prediction_message(plan, time_ns, deviations))
         except (TypeError, ValueError, AssertionError, AttributeError, IndexError) as error:
             # A user's controller may put anything into its diagnosis; its proposal is already out.
-            self.get_logger().error(
-                f"diagnostics cannot be published: {error}", throttle_duration_sec=1.0
-            )
+            text = f"diagnostics cannot be published: {error}"
+            self.get_logger().error(text, throttle_duration_sec=1.0)
 
     def _note_health(self, proposal: Proposal) -> None:
         health = (proposal.healthy, Reason.of(proposal.reason))

@@ -116,15 +116,8 @@ class Reason(NamedTuple):
         if not chain:
             return cls()
         head, because = chain[0], cls.of_messages(chain[1:])
-        return cls(
-            ReasonCode(head.code),
-            tuple(head.sensors),
-            float(head.limit),
-            head.detail,
-            head.subject,
-            tuple(head.interlocks),
-            because or None,
-        )
+        own = ReasonCode(head.code), tuple(head.sensors), float(head.limit), head.detail
+        return cls(*own, head.subject, tuple(head.interlocks), because or None)
 
     @property
     def fields(self) -> dict[str, Any]:

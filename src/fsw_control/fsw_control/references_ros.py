@@ -47,10 +47,7 @@ class SetPoints(Worded):
         "ramp",
         "set-points {depth_mm:.4g} mm, {temperature_c:.5g} degC by a ramp over {duration_s:.1f} s",
     )
-    NEXT = (
-        "next",
-        "{sent.words}; there are no measurements, they will be in force from the next one on",
-    )
+    NEXT = "next", "{sent.words}, in force from the next measurement on"
     ON_STANDBY = "on_standby", "this supervisor is on standby now; send the request again"
     INCOMPLETE = "incomplete", "no set-points are in force yet; give both depth and temperature"
     NO_START = (
@@ -66,10 +63,7 @@ class SetPoints(Worded):
         "overtaken",
         "other set-points were received after them; check those in force and send them again",
     )
-    UNCONFIRMED = (
-        "unconfirmed",
-        "not confirmed within {wait_s:g} s; check which set-points are in force",
-    )
+    UNCONFIRMED = "unconfirmed", "not confirmed within {wait_s:g} s; check the set-points in force"
 
 
 _ON_STANDBY = Answer.refused(SetPoints.ON_STANDBY)

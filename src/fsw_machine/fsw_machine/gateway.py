@@ -54,10 +54,7 @@ class Rejection(Worded):
     DISCONNECTED = "disconnected", "there is no connection to the machine"
     NOT_PERMISSIVE = "not_permissive", "the machine does not permit it: {fault}"
     STALE_READ = "stale_read", "the machine was last read {age_s:.2f} s ago"
-    PAUSED = (
-        "paused",
-        "control restarts from the drives' values after a pause in the measurements",
-    )
+    PAUSED = "paused", "control restarts from the drives' values after a pause in the measurements"
     UNKNOWN_STAMP = ("unknown_stamp", "it answers {stamp_s:.3f} s, at which nothing was measured")
     UNANSWERED = "unanswered", "the server has not answered the write of {since_s:.3f} s ago"
     JUMP = "jump", "{jump.words} from the set-points in force at the machine"
@@ -166,9 +163,7 @@ class Gateway:
         #: counts all rejections
         self.gate = CommandGate(*_rules(values), tuple(Rejection))
         self.fence = Fence()  #: the leader, and any safe stop in force
-        self.stamps = Stamps(
-            round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received"
-        )
+        self.stamps = Stamps(weld.TICK_NS, values["clock.stamps"] == "received")
         self.connected = self.permissive = self.joined = False
         self.samples: dict[str, Sample] = {}  #: of the last read
         self.read: CycleRead | None = None  #: the last read
@@ -224,9 +219,8 @@ class Gateway:
         """Process the read of a new cycle; returns the tick to publish, None during a pause."""
         nodes, cycle_ns, now_s = self._machine.nodes, read.source_ns, read.read_s
         elapsed_s = 0.0 if self.read is None else now_s - self.read.read_s
-        stamp_ns = self.stamps.next(
-            cycle_ns, read.steps, read.read_ns, round(elapsed_s * NANOSECONDS)
-        )
+        elapsed_ns = round(elapsed_s * NANOSECONDS)
+        stamp_ns = self.stamps.next(cycle_ns, read.steps, read.read_ns, elapsed_ns)
         self.read = read
         self._cycle += max(read.steps, 1)
         numbers = (name for name in nodes.read if name not in _NO_NUMBERS)
@@ -375,10 +369,8 @@ class Gateway:
 
     def _is_same(self, a: Command, b: Command, moves: float = _SAME) -> bool:
         limits = self.gate.limits
-        return (
-            abs(a.force_kn - b.force_kn) <= moves * limits.force_step_kn
-            and abs(a.speed_rpm - b.speed_rpm) <= moves * limits.speed_step_rpm
-        )
+        near = abs(a.force_kn - b.force_kn) <= moves * limits.force_step_kn
+        return near and abs(a.speed_rpm - b.speed_rpm) <= moves * limits.speed_step_rpm
 
     def _may_catch_up(self, command: Command, has: list[Command]) -> bool:
         """Whether a command may be cut to one move, because single ones before it were lost."""

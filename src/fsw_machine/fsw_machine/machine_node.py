@@ -6,6 +6,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Mapping
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -97,9 +98,8 @@ class MachineNode(ManagedNode):
         """Ensure that the gateway is alone, and connect."""
         self._stop = StopHolder(self, self._gateway.fence.register, self._gateway.fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        self._writers = CommandWriters(
-            self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"]
-        )
+        sources = partial(self._settings.__getitem__, "commands.sources")
+        self._writers = CommandWriters(self, lambda: self._gateway.gate, sources)
         self._guard.check(self._settings["discovery_s"], self._announce)
         self._wake = self.create_guard_condition(self._on_events)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -115,9 +115,8 @@ class MachineNode(ManagedNode):
         self._events.clear()
         self._gateway.on_lost()
         self._logged.clear()  # so that the next session logs it again
-        self.get_logger().info(
-            "deactivated: the session is closed, and the machine's own watchdog makes it safe"
-        )
+        text = "the session is closed, and the machine's own watchdog makes it safe"
+        self.get_logger().info(f"deactivated: {text}")
 
     def _end_session(self) -> None:
         link, self._link = self._link, None
@@ -164,9 +163,8 @@ class MachineNode(ManagedNode):
                 self._link.write(waiting)
             self._longest_write_s = max(self._longest_write_s, event.took_s)
             if event.failure:
-                self.get_logger().error(
-                    f"command not taken: {event.failure}", throttle_duration_sec=1.0
-                )
+                text = f"command not taken: {event.failure}"
+                self.get_logger().error(text, throttle_duration_sec=1.0)
         elif isinstance(event, Connected):
             self._attempts, self._stalled_s = 0, 0.0
             gateway.on_connected()
@@ -198,9 +196,8 @@ class MachineNode(ManagedNode):
         refused = gateway.gate.total()
         now_s = time.monotonic()
         command, signature = convert.command(message), convert.signature(message)
-        order = gateway.on_command(
-            command, stamp_ns, message.source, message.healthy, now_s, signature
-        )
+        sender = message.source, message.healthy
+        order = gateway.on_command(command, stamp_ns, *sender, now_s, signature)
         self._stop.look()
         if order is not None and self._link is not None:
             self._refused = ""

@@ -115,10 +115,8 @@ def check_whole_numbers(
         need = needs.get(name) or needs.get(name.partition("_")[0])
         if need is not None and kind in WHOLE and (why := _unfit(machine.nodes[name], kind, need)):
             node = machine.nodes[name].node
-            raise LinkError(
-                f"nodes.{name}: {node} is of type {kind.name}, {why}; "
-                "give it another type or scale"
-            )
+            text = f"{node} is of type {kind.name}, {why}; give it another type or scale"
+            raise LinkError(f"nodes.{name}: {text}")
 
 
 @dataclass(frozen=True, slots=True)

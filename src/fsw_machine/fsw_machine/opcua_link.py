@@ -170,16 +170,17 @@ class MachineLink:
             await client.connect()
         except AssertionError:
             # asyncua fails on servers that refuse the secure channel with a ServiceFault
-            raise LinkError(
-                f"endpoint {machine.endpoint} refuses the secure channel{_hint(machine)}"
-            ) from None
+            text = f"endpoint {machine.endpoint} refuses the secure channel"
+            if (security := machine.security) is not None:
+                text += "; most likely our security.certificate "
+                text += f"{security.certificate} is not in its trust list"
+            raise LinkError(text) from None
         index = 0
         if machine.namespace:
             uris = await client.get_namespace_array()
             if machine.namespace not in uris:
-                raise LinkError(
-                    f"namespace: the server has no {machine.namespace}; it has {', '.join(uris)}"
-                )
+                text = f"{machine.namespace}; it has {', '.join(uris)}"
+                raise LinkError(f"namespace: the server has no {text}")
             index = uris.index(machine.namespace)
         self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes.given.items()}
         self._kinds = await check_nodes(client, machine, self._nodes, self.settings.limits)
@@ -216,28 +217,21 @@ class MachineLink:
             answers = await asyncio.wait_for(self._client.uaclient.read(request), timeout_s)
             read_s = time.monotonic()
             counter = answers[0].Value.Value if answers[0].Value is not None else None
-            # without a valid counter nothing is published or written
-            whole = (
-                isinstance(counter, int)
-                and not isinstance(counter, bool)
-                and answers[0].StatusCode.is_good()
-            )
+            # without a valid counter nothing is published or written; a bool is none
+            whole = type(counter) is int and answers[0].StatusCode.is_good()
             steps = self.tracker.see(int(counter or 0), read_s) if whole else None
             if steps is not None:
                 if answers[0].SourceTimestamp is None:
                     text = "without a source timestamp; the server must send one with each value"
                     raise LinkError(f"nodes.cycle: {text}")
                 changed_s = reported_s = read_s
-                values = {
-                    name: raw_value(answer) for name, answer in zip(names, answers, strict=True)
-                }
+                values = dict(zip(names, map(raw_value, answers), strict=True))
                 source_ns = epoch_ns(answers[0].SourceTimestamp)
                 if not checked:  # later clock steps are tolerated, see Stamps
                     check_clock(source_ns)
                     checked = True
-                self._deliver(
-                    CycleRead(int(counter or 0), values, source_ns, read_s, time.time_ns(), steps)
-                )
+                times = source_ns, read_s, time.time_ns()
+                self._deliver(CycleRead(int(counter or 0), values, *times, steps))
             elif read_s - reported_s > self.settings.cycle_timeout_s:
                 reported_s = read_s
                 self._deliver(Stalled(read_s - changed_s))
@@ -308,12 +302,8 @@ async def secure(client: Client, machine: MachineFile, security: Security) -> No
             f"{security.server_certificate} (SHA-1 {certificates.thumbprint(pinned)}); "
             "if it is known to have a new one, copy that into the file"
         )
-    await client.set_security(
-        kind,
-        str(security.certificate),
-        str(security.private_key),
-        server_certificate=str(security.server_certificate),
-    )
+    own = str(security.certificate), str(security.private_key)
+    await client.set_security(kind, *own, server_certificate=str(security.server_certificate))
 
 
 def password(user: User) -> str:
@@ -321,16 +311,14 @@ def password(user: User) -> str:
     if user.password_file is None:
         text = os.environ.get(user.password_env, "")
         if not text:
-            raise SecurityError(
-                f"user.password_env: the environment variable {user.password_env} is not set"
-            )
+            text = f"the environment variable {user.password_env} is not set"
+            raise SecurityError(f"user.password_env: {text}")
         return text
     try:
         text = certificates.secret("user.password_file", user.password_file).decode().strip()
     except UnicodeDecodeError:
-        raise SecurityError(
-            f"user.password_file: {user.password_file} is not UTF-8 text"
-        ) from None
+        text = f"{user.password_file} is not UTF-8 text"
+        raise SecurityError(f"user.password_file: {text}") from None
     if not text:
         raise SecurityError(f"user.password_file: {user.password_file} is empty")
     return text
@@ -340,15 +328,6 @@ def node_id(spec: NodeSpec, namespace: int) -> ua.NodeId:
     """The node's id, in the given namespace if it names none."""
     text = spec.node if spec.node.startswith("ns=") else f"ns={namespace};{spec.node}"
     return ua.NodeId.from_string(text)
-
-
-def _hint(machine: MachineFile) -> str:
-    if machine.security is None:
-        return ""
-    return (
-        "; most likely our security.certificate "
-        f"{machine.security.certificate} is not in its trust list"
-    )
 
 
 def _variant(number: float, kind: ua.VariantType) -> Any:

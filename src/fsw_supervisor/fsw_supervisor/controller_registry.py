@@ -206,9 +206,8 @@ class ControllerRegistry:
         """Take the proposals that arrived before their measurement."""
         for record in self:
             early = record.early.pop(tick.stamp_ns, None)
-            record.early = {
-                stamp: item for stamp, item in record.early.items() if stamp > tick.stamp_ns
-            }
+            items = record.early.items()
+            record.early = {stamp: item for stamp, item in items if stamp > tick.stamp_ns}
             if early is not None:
                 self._take_present(record, early, tick, now_s)
 

@@ -195,9 +195,8 @@ class CommandInForce:
 
     def commanded(self, drives: Command) -> Command:
         """Command that the drives execute when they report ``drives``."""
-        return Command(
-            drives.force_kn - self._force_offset.value, drives.speed_rpm - self._speed_offset.value
-        )
+        force_kn = drives.force_kn - self._force_offset.value
+        return Command(force_kn, drives.speed_rpm - self._speed_offset.value)
 
     def acting(self, tick: Tick, hold_s: float) -> Command | None:
         """Actual force and speed: feedback no older than ``hold_s``, else the command."""

@@ -221,28 +221,22 @@ class SupervisorParameters(NodeParameters):
     def _consistent(self) -> SupervisorParameters:
         limits, period_s = self.limits, self.tick_period_s
         if self.deadline_s >= period_s:
-            raise ValueError(
-                f"deadline_s is {self.deadline_s} s; it must be between 0 and tick_period_s ({period_s} s)"
-            )
-        if self.force_transition_kn > limits.force_step_kn:
-            raise ValueError(
-                f"force_transition_kn must not exceed the step of {limits.force_step_kn} kN"
-            )
-        if self.speed_transition_rpm > limits.speed_step_rpm:
-            raise ValueError(
-                f"speed_transition_rpm must not exceed the step of {limits.speed_step_rpm} rpm"
-            )
-        if not limits.force_min_kn <= self.safe_force_kn <= limits.force_max_kn:
-            raise ValueError(
-                f"safe_force_kn must be within {limits.force_min_kn} to {limits.force_max_kn} kN"
-            )
+            text = f"it must be between 0 and tick_period_s ({period_s} s)"
+            raise ValueError(f"deadline_s is {self.deadline_s} s; {text}")
+        step_kn, step_rpm = limits.force_step_kn, limits.speed_step_rpm
+        if self.force_transition_kn > step_kn:
+            raise ValueError(f"force_transition_kn must not exceed the step of {step_kn} kN")
+        if self.speed_transition_rpm > step_rpm:
+            raise ValueError(f"speed_transition_rpm must not exceed the step of {step_rpm} rpm")
+        low_kn, high_kn = limits.force_min_kn, limits.force_max_kn
+        if not low_kn <= self.safe_force_kn <= high_kn:
+            raise ValueError(f"safe_force_kn must be within {low_kn} to {high_kn} kN")
         if not self.controller:
             raise ValueError("controller must name the controller to start with, e.g. 'decentral'")
         for name in (self.controller, *self.fallbacks):
             if not may_be_controller(name):
-                raise ValueError(
-                    f"controller, fallbacks: {name!r} cannot be the name of a controller"
-                )
+                text = f"{name!r} cannot be the name of a controller"
+                raise ValueError(f"controller, fallbacks: {text}")
         return self
 
     def model_post_init(self, _: Any) -> None:

@@ -177,13 +177,10 @@ def _process_status(arbiter: Arbiter) -> Report:
         facts.append(Fact.of(Note.INVALID, sensors=tuple(safety.invalid_sensors)))
     if safety.active:
         level = ERROR if safety.tripped else WARN
-        facts += [
-            Fact.of(Note.INTERLOCK, interlock=name, level=severity)
-            for name, severity in safety.active.items()
-        ]
-    reasons: dict[str, object] = {
-        f"{name} state": why or "good" for name, why in safety.sensor_flaws.items()
-    }
+        for name, severity in safety.active.items():
+            facts.append(Fact.of(Note.INTERLOCK, interlock=name, level=severity))
+    flaws = safety.sensor_flaws.items()
+    reasons: dict[str, object] = {f"{name} state": why or "good" for name, why in flaws}
     reasons["held"] = ", ".join(safety.held_sensors) or "none"
     return Report("process", level, several(facts) or Fact.of(Note.WITHIN), reasons)
 

@@ -198,16 +198,13 @@ class SafetyMonitor:
     @property
     def active(self) -> Mapping[str, Severity]:
         """Active warnings and trips, jumps and blindness, by name."""
-        levels = {n: level for n, level in self._levels.items() if level is not Severity.OK}
+        levels = {name: level for name, level in self._levels.items() if level}
         return levels | dict.fromkeys(self._standing, Severity.TRIP)
 
     @property
     def tripped(self) -> tuple[str, ...]:
         """Names of the tripped interlocks, jumps and blindness."""
-        return (
-            *(name for name, level in self._levels.items() if level is Severity.TRIP),
-            *self._standing,
-        )
+        return tuple(name for name, level in self.active.items() if level is Severity.TRIP)
 
     def why_stop(self, acknowledged: bool = False) -> Fact | None:
         """Why a safe stop must begin or last; None if it need not.
@@ -241,9 +238,8 @@ class SafetyMonitor:
         """Judge the samples of a tick; ``acting``: force and speed that act. A trip leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
         tick.judged = self.judged = True
-        tick.dropouts = tuple(
-            name for name in REQUIRED if name not in tick.samples and not reasons[name]
-        )
+        missing = (name for name in REQUIRED if name not in tick.samples)
+        tick.dropouts = tuple(name for name in missing if not reasons[name])
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()
         if not self.invalid_sensors:
@@ -252,9 +248,8 @@ class SafetyMonitor:
             self.blind_since_ns = self._machine.time_ns
         for name in self.invalid_sensors:
             if name not in before:
-                self._machine.log(
-                    Level.WARN, "sensors", Code.SENSOR_INVALID, sensor=name, flaw=reasons[name]
-                )
+                data = {"sensor": name, "flaw": reasons[name]}
+                self._machine.log(Level.WARN, "sensors", Code.SENSOR_INVALID, **data)
         for name in before:
             if name not in self.invalid_sensors:
                 self._machine.log(Level.INFO, "sensors", Code.SENSOR_VALID, sensor=name)
@@ -373,7 +368,6 @@ class SafetyMonitor:
         if level is present:
             return
         self._levels[item.name] = level
-        fact = self._causes[item.name] = Fact.of(
-            Code.INTERLOCK, interlock=item.name, level=level, quantity=item.quantity, value=value
-        )
+        data = {"interlock": item.name, "quantity": item.quantity}
+        fact = self._causes[item.name] = Fact.of(Code.INTERLOCK, level=level, value=value, **data)
         self._machine.log(_LOG_LEVELS[level], "interlock", fact.code, **fact.data)

@@ -67,9 +67,8 @@ class SupervisorNode(LightNode, Node):
         self._leadership = Leadership(self, self._failover)
         lockstep_wait_s = 2.0 * values["lockstep_deadline_s"] if self._arbiter.lockstep else 0.0
         self._confirmations = Confirmations(self._failover, lockstep_wait_s)
-        self._operator_services = OperatorServices(
-            self, self._arbiter, self._leadership.certain, self._confirmations, self._publish
-        )
+        parts = self._arbiter, self._leadership.certain, self._confirmations, self._publish
+        self._operator_services = OperatorServices(self, *parts)
         self._stop = StopHolder(self, self._arbiter.machine.register, self._on_stop)
         self._diagnostics = DiagnosticsPublisher(self, "fsw_supervisor")
         self._command_topic = self.resolve_topic_name("fsw/command")
@@ -87,15 +86,13 @@ class SupervisorNode(LightNode, Node):
         self.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, STREAM)
         subscribe_sensors(self, self._on_sample, self._arbiter.on_depth_deviation)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        self.create_subscription(
-            SupervisorState, "fsw/supervisor/state", self._on_leader_state, LATEST
-        )
+        states = "fsw/supervisor/state"
+        self.create_subscription(SupervisorState, states, self._on_leader_state, LATEST)
         for name in (values["controller"], *values["fallbacks"]):
             self._controllers.subscribe(name)
         self._wakeup = DeadlineTimer(self, self._on_wakeup)
-        self._housekeeping = self.create_timer(
-            _HOUSEKEEPING_S, self._on_housekeeping, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_HOUSEKEEPING_S, self._on_housekeeping, clock=steady)
         self._on_housekeeping()
 
     # ---------------------------------------------------------------- topics
@@ -140,9 +137,8 @@ class SupervisorNode(LightNode, Node):
             mode, controller = message.actual_mode, message.actual_controller
             cause, why = Cause(message.cause), Reason.of_messages(message.why)
             actual = Standing(mode, controller, cause, why, message.who)
-            self._arbiter.follow_operator(
-                message.target_controller, message.target_mode, inhibited, actual
-            )
+            target = message.target_controller, message.target_mode
+            self._arbiter.follow_operator(*target, inhibited, actual)
         self._publish([])
 
     def _on_wakeup(self) -> None:
@@ -244,10 +240,8 @@ class SupervisorNode(LightNode, Node):
             line = reports.standby(str(self._role), self._failover.unanswered, self.get_name())
             self._diagnostics.publish([line])
             return
-        namesakes = {
-            record.name: self._controllers.proposers(record.name)
-            for record in self._arbiter.registry
-        }
+        names = [record.name for record in self._arbiter.registry]
+        namesakes = {name: self._controllers.proposers(name) for name in names}
         limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
         writers = self.count_publishers(self._command_topic)
         lines = reports.diagnostics(self._arbiter, writers, namesakes, limits)
