@@ -109,7 +109,7 @@ _TEMPERATURE_TYPE = "sensor_msgs/msg/Temperature"
 
 def _depth_channel(channel: str, title: str, noise_mm: float) -> Sensor:
     what = f"depth_{channel}", title, DEPTH, f"fsw/depth/{channel}", _DEPTH_TYPE
-    return Sensor(*what, *(0.0, 6.0, 10.0, None, noise_mm, 0.001), required=False)
+    return Sensor(*what, 0.0, 6.0, 10.0, None, noise_mm, 0.001, required=False)
 
 
 # minimum, maximum, largest rate and jump, noise and resolution
@@ -124,7 +124,8 @@ _ROWS = (
     ),
     Sensor(
         *("thermocouple", "thermocouple", TEMPERATURE, "fsw/thermocouple", _TEMPERATURE_TYPE),
-        *(300.0, 1080.0, 400.0, 40.0, 0.1, 0.01, "temperature"),
+        *(300.0, 1080.0, 400.0, 40.0, 0.1, 0.01),
+        key="temperature",
     ),
     *(_depth_channel(*channel) for channel in _DEPTH_CHANNELS),
 )
