@@ -17,7 +17,10 @@ class Flaw(Worded):
     """Reasons for rejecting a command."""
 
     NOT_FINITE = "not_finite", "not finite: {quantity} {value} {unit}"
-    OUT_OF_RANGE = "out_of_range", "{quantity} {value:.3f} is outside {low:g} to {high:g} {unit}"
+    OUT_OF_RANGE = (
+        "out_of_range",
+        "{quantity} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}",
+    )
     JUMP = "jump", "{quantity} would jump {value:.3f} {unit}, more than {high:g} {unit} per tick"
 
 
