@@ -198,7 +198,6 @@ def test_set_point_and_safe_stop_outlive_the_supervisors(make_weld, capsys):
         weld.until_all_follow(2.72, "supervisor")
         weld.start(dies)
         weld.until(lambda name=dies: weld.role(name) == "standby", "the one that was killed")
-    weld.restart("nmpc", 2.72)
     assert_stays(weld, capsys, 2.72)
 
     obeyed(weld, capsys, lambda: weld.source == "safe_stop", "mode", "safe_stop")

@@ -17,13 +17,14 @@ FALLBACK = "fallback in the same tick, inhibited"
 
 
 @pytest.mark.requirement("S5")
-@pytest.mark.parametrize("lockstep", [True, pytest.param(False, marks=IN_REAL_TIME)])
-def test_a_nominal_weld_loses_nothing(launch, table, lockstep):
-    weld = launch(lockstep=True) if lockstep else launch(standby=True)
+@pytest.mark.full
+@pytest.mark.real_time
+def test_a_nominal_weld_loses_nothing(launch, table):
+    weld = launch(standby=True)
     first = weld.restore()
     weld.ticks(30)
     outcome = weld.outcome(first)
-    outcome.assert_steady(depth_mm=0.02 if lockstep else 0.1)
+    outcome.assert_steady(depth_mm=0.1)
     outcome.assert_sources("decentral")
     weld.until(
         lambda: weld.node.count_publishers("/fsw/command") == 1, "a standby that publishes nothing"

@@ -116,7 +116,7 @@ def test_a_third_of_the_measurements_is_lost(launch, table):
     weld = launch(lockstep=True, relayed=True)
     first = weld.restore()
     weld.relay.loss = 0.3
-    weld.ticks(30)
+    weld.ticks(15)
     weld.relay.loss = 0.0
     outcome = weld.outcome(first)
     outcome.assert_steady()

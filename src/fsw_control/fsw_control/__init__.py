@@ -4,33 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fsw_control.contract import (
-    Command,
-    Controller,
-    Diagnosis,
-    Limits,
-    Measurement,
-    Plan,
-    Proposal,
-    Reference,
-)
-from fsw_control.sensors import SENSORS
+from fsw_control.contract import Command as Command
+from fsw_control.contract import Controller as Controller
+from fsw_control.contract import Diagnosis as Diagnosis
+from fsw_control.contract import Limits as Limits
+from fsw_control.contract import Measurement as Measurement
+from fsw_control.contract import Plan as Plan
+from fsw_control.contract import Proposal as Proposal
+from fsw_control.contract import Reference as Reference
+from fsw_control.sensors import SENSORS as SENSORS
 
 if TYPE_CHECKING:
     from fsw_control.controller_node import ControllerNode as ControllerNode
     from fsw_control.controller_node import run_controller as run_controller
-
-__all__ = [
-    "SENSORS",
-    "Command",
-    "Controller",
-    "Diagnosis",
-    "Limits",
-    "Measurement",
-    "Plan",
-    "Proposal",
-    "Reference",
-]
 
 
 def __getattr__(name: str) -> Any:

@@ -90,11 +90,8 @@ class AppliedCommands:
             return f"it answers {seen.stamp_ns * 1e-9:.1f} s, far from the newest measurement"
         if seen.term < last.term:
             return "its supervisor no longer leads"
-        if (
-            last.stamp_ns != _BEFORE_ALL_NS
-            and seen.writer != last.writer
-            and seen.term == last.term
-        ):
+        is_other = seen.writer != last.writer and seen.term == last.term
+        if last.stamp_ns != _BEFORE_ALL_NS and is_other:
             skipped = seen.stamp_ns - last.stamp_ns > self._silence_s * 1e9
             if not skipped and now_s - self._heard_s <= self._silence_s:
                 return "the supervisor being followed sends commands, too"

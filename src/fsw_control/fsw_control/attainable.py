@@ -34,10 +34,8 @@ def out_of_reach(due: Reference, attainable: Reference) -> Fact | None:
     due, attainable : Reference
         The set-points in force, and those that the controller tracks instead.
     """
-    depth_mm, temperature_c = (
-        attainable.depth_mm - due.depth_mm,
-        attainable.temperature_c - due.temperature_c,
-    )
+    depth_mm = attainable.depth_mm - due.depth_mm
+    temperature_c = attainable.temperature_c - due.temperature_c
     parts = []
     if abs(temperature_c) > _NEAR_C:
         pair = {"asked_c": due.temperature_c, "attainable_c": attainable.temperature_c}

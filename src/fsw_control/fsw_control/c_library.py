@@ -49,12 +49,8 @@ def tool_environment() -> dict[str, str]:
     if environment.pop(_WHEELS_READY, None) is None:
         return environment
     own = os.path.join(sys.prefix, "lib")
-    kept = [
-        path
-        for path in environment.get(_PATH, "").split(os.pathsep)
-        if path and not path.startswith(own)
-    ]
-    environment.pop(_PATH, None)
+    paths = environment.pop(_PATH, "").split(os.pathsep)
+    kept = [path for path in paths if path and not path.startswith(own)]
     return environment | ({_PATH: os.pathsep.join(kept)} if kept else {})
 
 
@@ -98,9 +94,8 @@ def _processor() -> str:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return ""
-    lines = [
-        line for line in text.splitlines() if line.startswith(("flags", "Features", "model name"))
-    ]
+    names = "flags", "Features", "model name"
+    lines = [line for line in text.splitlines() if line.startswith(names)]
     return platform.machine() + "".join(dict.fromkeys(lines))
 
 
@@ -169,13 +164,10 @@ class CLibrary:
 
     def cache_path(self) -> Path:
         """Path of the cached library for these sources and this machine."""
-        text = "\0".join(
-            [self.source_id(), *FLAGS, platform.system(), platform.machine(), _processor()]
-        )
-        return (
-            user_cache(self.package)
-            / f"kernel-{hashlib.sha256(text.encode()).hexdigest()[:16]}.so"
-        )
+        machine = platform.system(), platform.machine(), _processor()
+        text = "\0".join([self.source_id(), *FLAGS, *machine])
+        digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+        return user_cache(self.package) / f"kernel-{digest}.so"
 
     def is_usable(self, library: Path) -> bool:
         """Whether a library can be loaded and was built from these sources."""

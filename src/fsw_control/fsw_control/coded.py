@@ -8,7 +8,18 @@ from typing import Any, NamedTuple, Self
 
 
 class Coded(IntEnum):
-    """Base of enums with a member ``UNKNOWN``, which stands for numbers of later versions."""
+    """Base of enums with a member ``UNKNOWN``, which stands for numbers of later versions.
+
+    Members are ``NAME = number`` or ``NAME = number, words``: a text for people.
+    """
+
+    words: str
+
+    def __new__(cls, value: int, words: str = "") -> Self:
+        """Create a member with its text."""
+        code = int.__new__(cls, value)
+        code._value_, code.words = value, words
+        return code
 
     @classmethod
     def _missing_(cls, value: object) -> Self:

@@ -21,10 +21,7 @@ class Flaw(Worded):
         "out_of_range",
         "{quantity} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}",
     )
-    JUMP = (
-        "jump",
-        "{quantity} would jump by {value:.3f} {unit}, more than {high:g} {unit} per tick",
-    )
+    JUMP = "jump", "{quantity} would jump {value:.3f} {unit}, more than {high:g} {unit} per tick"
 
 
 _UNITS = {"force": "kN", "speed": "rpm"}
@@ -64,8 +61,8 @@ def refusal(
     Without ``limits`` it only has to be finite. Without ``previous``, the command of the previous
     tick, the change is not checked.
     """
-    force, speed = command.force_kn, command.speed_rpm
-    for name, value in (("force", force), ("speed", speed)):
+    force, speed = command
+    for name, value in zip(_UNITS, command, strict=True):
         if not isfinite(value):
             return Refusal(Flaw.NOT_FINITE, name, value)
     if limits is None:

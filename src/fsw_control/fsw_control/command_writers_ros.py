@@ -41,18 +41,16 @@ class CommandWriters:
 
     def look(self) -> None:
         """Determine the publishers of commands; call it a few times per second."""
-        names = sorted(
-            info.node_name for info in self._node.get_publishers_info_by_topic("fsw/command")
-        )
+        publishers = self._node.get_publishers_info_by_topic("fsw/command")
+        names = sorted(info.node_name for info in publishers)
         if names != self.names:
             self.names = names
             self.set_sources()
         known = {name for name in names if name != _NAME_UNKNOWN}
         if len(names) > 1 and len(known) == len(set(names)) and not known <= self._told:
             self._told |= known
-            self._node.get_logger().warning(
-                f"{len(names)} publishers of fsw/command: {', '.join(names)}"
-            )
+            text = f"{len(names)} publishers of fsw/command: {', '.join(names)}"
+            self._node.get_logger().warning(text)
 
     def set_sources(self) -> None:
         """Update the gate, also after the configured sources have changed."""

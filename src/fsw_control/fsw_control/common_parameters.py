@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 from pydantic import Field, create_model, model_validator
 
 from fsw_control import weld
+from fsw_control.contract import Limits
 from fsw_control.parameters import AT_START, NodeParameters, ParameterModel
 from fsw_control.schema.models import Many, Model, Whole
 from fsw_control.schema.ranges import Range
@@ -29,12 +30,7 @@ class DriveBounds(Model):
 
     @model_validator(mode="after")
     def _ordered(self) -> DriveBounds:
-        for name, low, high in (
-            ("force", self.force_min_kn, self.force_max_kn),
-            ("speed", self.speed_min_rpm, self.speed_max_rpm),
-        ):
-            if not low < high:
-                raise ValueError(f"{name}_min ({low:g}) must be below {name}_max ({high:g})")
+        Limits(self.force_min_kn, self.force_max_kn, self.speed_min_rpm, self.speed_max_rpm)
         return self
 
 
@@ -97,6 +93,17 @@ def numbers(fields: dict[str, tuple[Range, float, str]]) -> Any:
     }
 
 
+_NOISE = (
+    "Expected standard deviation of the {}'s noise; where its changes were below a fifth of it, "
+    "the sensor never counts as frozen (chosen, as the emulator's)"
+)
+_JUMP = (
+    "Maximum change of the {} within a second, or per second after a longer loss; after a larger "
+    "one it stays invalid until the operator acknowledges (chosen: several times what the drives "
+    "can cause)"
+)
+
+
 def _validity(jumps: bool) -> type[Model]:
     """The groups ``validity.<sensor>``, of a supervisor with the largest jump that is believed.
 
@@ -106,34 +113,16 @@ def _validity(jumps: bool) -> type[Model]:
     for name, row in SENSORS.items():
         quantity, title = row.quantity, row.title
         rate = Range(0.001, 100_000.0, f"{quantity.unit}/s")
+        ends = quantity.plausible
         fields = {
-            "minimum": (
-                quantity.plausible,
-                row.minimum,
-                f"Minimum plausible sample of the {title}",
-            ),
-            "maximum": (
-                quantity.plausible,
-                row.maximum,
-                f"Maximum plausible sample of the {title}",
-            ),
+            "minimum": (ends, row.minimum, f"Minimum plausible sample of the {title}"),
+            "maximum": (ends, row.maximum, f"Maximum plausible sample of the {title}"),
             "max_rate": (rate, row.max_rate, f"Maximum plausible rate of change of the {title}"),
-            "noise": (
-                quantity.noise,
-                row.noise,
-                f"Expected standard deviation of the {title}'s noise; where its changes were "
-                "below a fifth of it, the sensor never counts as frozen (chosen, as the "
-                "emulator's)",
-            ),
+            "noise": (quantity.noise, row.noise, _NOISE.format(title)),
         }
         if jumps and row.max_jump is not None:
-            fields["max_jump"] = (
-                Range(0.001, 100_000.0, quantity.unit),
-                row.max_jump,
-                f"Maximum change of the {title} within a second, or per second after a longer loss"
-                "; after a larger one it stays invalid until the operator acknowledges (chosen: "
-                "several times what the drives can cause)",
-            )
+            reach = Range(0.001, 100_000.0, quantity.unit)
+            fields["max_jump"] = reach, row.max_jump, _JUMP.format(title)
         group = create_model(f"{name}_validity", __base__=SensorSamples, **numbers(fields))
         sensors[name] = group.model_validate({})
     return create_model("ValidityOfSensors", __base__=Validity, **fields_of(sensors))
@@ -163,7 +152,5 @@ def hosted(own: ParameterModel) -> type[NodeParameters]:
     """Parameters of a controller's node: its own and those of every controller node."""
     if own is None:
         return ControllerParameters
-    return cast(
-        type[NodeParameters],
-        create_model("HostedParameters", __base__=(own, ControllerParameters)),
-    )
+    model = create_model("HostedParameters", __base__=(own, ControllerParameters))
+    return model

@@ -81,6 +81,11 @@ class Command(NamedTuple):
     speed_rpm: float
 
 
+def towards(start: float, goal: float, step: float) -> float:
+    """A value as near to ``goal`` as one step from ``start`` reaches."""
+    return min(max(goal, start - step), start + step)
+
+
 @dataclass(frozen=True, slots=True)
 class Limits:
     """Bounds of the manipulated variables and their largest change per tick.
@@ -105,9 +110,7 @@ class Limits:
         )
         for name, low, high in bounds:
             if not low < high:
-                raise ValueError(
-                    f"limits: {name}_min ({low:g}) must be below {name}_max ({high:g})"
-                )
+                raise ValueError(f"{name}_min ({low:g}) must be below {name}_max ({high:g})")
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Limits:
@@ -122,33 +125,11 @@ class Limits:
 
     def clip(self, requested: Command, previous: Command | None) -> Command:
         """Nearest command in bounds and within one step of ``previous``; rates take precedence."""
-        force, speed = requested.force_kn, requested.speed_rpm
-        if (
-            self.force_min_kn <= force <= self.force_max_kn
-            and self.speed_min_rpm <= speed <= self.speed_max_rpm
-        ):
-            if previous is None:
-                return requested
-            if (
-                previous.force_kn - self.force_step_kn
-                <= force
-                <= previous.force_kn + self.force_step_kn
-                and previous.speed_rpm - self.speed_step_rpm
-                <= speed
-                <= previous.speed_rpm + self.speed_step_rpm
-            ):
-                return requested
-        force = min(max(force, self.force_min_kn), self.force_max_kn)
-        speed = min(max(speed, self.speed_min_rpm), self.speed_max_rpm)
+        force = min(max(requested.force_kn, self.force_min_kn), self.force_max_kn)
+        speed = min(max(requested.speed_rpm, self.speed_min_rpm), self.speed_max_rpm)
         if previous is not None:
-            force = min(
-                max(force, previous.force_kn - self.force_step_kn),
-                previous.force_kn + self.force_step_kn,
-            )
-            speed = min(
-                max(speed, previous.speed_rpm - self.speed_step_rpm),
-                previous.speed_rpm + self.speed_step_rpm,
-            )
+            force = towards(previous.force_kn, force, self.force_step_kn)
+            speed = towards(previous.speed_rpm, speed, self.speed_step_rpm)
         return Command(force, speed)
 
     def active(self, command: Command, previous: Command) -> tuple[str, ...]:
@@ -159,10 +140,8 @@ class Limits:
             "force_max": command.force_kn >= self.force_max_kn - tolerance,
             "speed_min": command.speed_rpm <= self.speed_min_rpm + tolerance,
             "speed_max": command.speed_rpm >= self.speed_max_rpm - tolerance,
-            "force_rate": abs(command.force_kn - previous.force_kn)
-            >= self.force_step_kn - tolerance,
-            "speed_rate": abs(command.speed_rpm - previous.speed_rpm)
-            >= self.speed_step_rpm - tolerance,
+            "force_rate": abs(command[0] - previous[0]) >= self.force_step_kn - tolerance,
+            "speed_rate": abs(command[1] - previous[1]) >= self.speed_step_rpm - tolerance,
         }
         return tuple(name for name, touches in touched.items() if touches)
 

@@ -30,13 +30,7 @@ from fsw_control.ramps import ReferencePlan
 from fsw_control.reason import Reason
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report, told
-from fsw_control.topics_ros import (
-    LATEST,
-    SENT,
-    STREAM,
-    display_publisher,
-    subscribe_sensors,
-)
+from fsw_control.topics_ros import LATEST, SENT, STREAM, display_publisher, subscribe_sensors
 from fsw_control.validity import SensorGuard, sensor_limits
 from fsw_control.weld_ticks_ros import WeldTicks
 from fsw_msgs.msg import (
@@ -107,9 +101,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._last_ns: int | None = None
         self._last_proposal: Proposal | None = None
         self._lockstep = bool(self.get_parameter("use_sim_time").value)
-        self._ticks = WeldTicks(
-            self, self._consume, initial, self._settings["period"], await_drives=self._lockstep
-        )
+        period_s = self._settings["period"]
+        self._ticks = WeldTicks(self, self._consume, initial, period_s, self._lockstep)
         self.applied, self._synchronizer = self._ticks.applied, self._ticks.synchronizer
         self._health: tuple[bool, Reason] | None = None
         self._replaced: tuple[Reference | None, Reference | None] = None, None
@@ -133,21 +126,15 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             self._own.on_change(self.controller.configure)
 
     def _open_topics(self) -> None:
-        self._proposals = self.create_publisher(
-            WeldCommand, f"fsw/{self._controller_name}/proposal", SENT
-        )
-        self._statuses = self.create_publisher(
-            ControllerStatus, f"fsw/{self._controller_name}/status", SENT
-        )
-        self._predictions = display_publisher(
-            self, Prediction, f"fsw/{self._controller_name}/prediction"
-        )
+        topics = f"fsw/{self._controller_name}"
+        self._proposals = self.create_publisher(WeldCommand, f"{topics}/proposal", SENT)
+        self._statuses = self.create_publisher(ControllerStatus, f"{topics}/status", SENT)
+        self._predictions = display_publisher(self, Prediction, f"{topics}/prediction")
         self._diagnostics = DiagnosticsPublisher(self)
-        self._followed = StatedReference(self, f"fsw/{self._controller_name}/reference")
+        self._followed = StatedReference(self, f"{topics}/reference")
         self._deadline = DeadlineTimer(self, self._on_deadline)
-        self._heartbeat = self.create_timer(
-            1.0, self._on_heartbeat, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0, self._on_heartbeat, clock=steady)
         # Before the set-points, so that a peer that has discovered the subscription to those can
         # rely on this one, too.
         self.create_subscription(WeldReferencePlan, "fsw/reference_plan", self._on_plan, LATEST)
@@ -206,9 +193,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         # Lockstep waits long for samples that may still come, and shorter at every tick for
         # samples that are known to be lost.
         known_lost = self._synchronizer.lacking <= self._synchronizer.missed
-        return float(self._settings["lockstep_deadline"]) * (
-            _KNOWN_LOST_SHARE if known_lost else 1.0
-        )
+        share = _KNOWN_LOST_SHARE if known_lost else 1.0
+        return float(self._settings["lockstep_deadline"]) * share
 
     def _consume(self, ticks: list[SampleSet]) -> None:
         for tick in ticks:
@@ -232,11 +218,9 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             self._last_ns = None
             self._heat.jump()
             self.get_logger().warning("the measurements' time has jumped: the controller restarts")
-        dt_s = (
-            self._settings["period"]
-            if self._last_ns is None
-            else (tick.stamp_ns - self._last_ns) / 1e9
-        )
+        dt_s = self._settings["period"]
+        if self._last_ns is not None:
+            dt_s = (tick.stamp_ns - self._last_ns) / 1e9
         self._last_ns = tick.stamp_ns
         measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values, tick.drives)
         reference = self.references.at(tick.stamp_ns)
@@ -245,9 +229,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         if reference is not None and (heat := self._heat.at(tick.stamp_ns)):
             reference = replace(reference, heat=heat)
         begin = time.perf_counter()
-        proposal = answer(
-            self.controller, measurement, reference, self.applied.before(tick.stamp_ns), dt_s
-        )
+        applied = self.applied.before(tick.stamp_ns)
+        proposal = answer(self.controller, measurement, reference, applied, dt_s)
         elapsed_s = time.perf_counter() - begin
         self._last_proposal = proposal
         self._publish(tick.stamp_ns, proposal)
@@ -262,29 +245,21 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self._note_health(proposal)
 
     def _publish(self, time_ns: int, proposal: Proposal) -> None:
-        self._proposals.publish(
-            convert.command_message(
-                proposal.command, time_ns, self._controller_name, proposal.healthy, proposal.reason
-            )
-        )
+        name, command, healthy = self._controller_name, proposal.command, proposal.healthy
+        message = convert.command_message(command, time_ns, name, healthy, proposal.reason)
+        self._proposals.publish(message)
         try:
+            tolerated, source = self.controller.tolerated_sensors, self.applied.latest.source
             self._statuses.publish(
-                convert.status_message(
-                    proposal,
-                    time_ns,
-                    self._controller_name,
-                    applied_source=self.applied.latest.source,
-                    tolerated_sensors=self.controller.tolerated_sensors,
-                )
+                convert.status_message(proposal, time_ns, name, source, tolerated)
             )
             if (plan := proposal.diagnosis.plan) is not None:
                 deviations = self._deviations(plan.time_s) if self._deviations else ((), ())
                 self._predictions.publish(convert.prediction_message(plan, time_ns, deviations))
         except (TypeError, ValueError, AssertionError, AttributeError, IndexError) as error:
             # A user's controller may put anything into its diagnosis; its proposal is already out.
-            self.get_logger().error(
-                f"diagnostics cannot be published: {error}", throttle_duration_sec=1.0
-            )
+            text = f"diagnostics cannot be published: {error}"
+            self.get_logger().error(text, throttle_duration_sec=1.0)
 
     def _note_health(self, proposal: Proposal) -> None:
         health = (proposal.healthy, Reason.of(proposal.reason))
@@ -308,11 +283,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             facts = [Fact.of(Note.NO_MEASUREMENT)]
         if self._steps and not self._stream_of_ticks and not self._lockstep:
             healthy, facts = False, [Fact.of(Note.STOPPED)]
-        faults = [
-            Fact.of(Note.SENSOR, sensor=sensor, flaw=flaw)
-            for sensor, flaw in self._guard.reasons.items()
-            if flaw
-        ]
+        flaws = [(sensor, flaw) for sensor, flaw in self._guard.reasons.items() if flaw]
+        faults = [Fact.of(Note.SENSOR, sensor=sensor, flaw=flaw) for sensor, flaw in flaws]
         requested, attainable = self._replaced
         out = out_of_reach(requested, attainable) if requested and attainable else None
         level = OK if healthy and not faults and not out else WARN
@@ -336,9 +308,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             values[f"{sensor} state"] = self._guard.reasons[sensor] or "good"
         facts = facts or faults or [Fact.of(Note.OUT_OF_REACH, reach=out)] * bool(out)
         summary = several(facts) or Fact.of(Note.PROPOSING)
-        self._diagnostics.publish(
-            [Report(f"controller {self._controller_name}", level, summary, values)]
-        )
+        part = f"controller {self._controller_name}"
+        self._diagnostics.publish([Report(part, level, summary, values)])
 
 
 def run_controller(
@@ -362,9 +333,8 @@ def run_controller(
     """
     controller_name = name if name is not None else getattr(make, "name", None)
     if not isinstance(controller_name, str):
-        raise TypeError(
-            "run_controller: give name=..., or a controller class with a class attribute 'name'"
-        )
+        text = "give name=..., or a controller class with a class attribute 'name'"
+        raise TypeError(f"run_controller: {text}")
     source = parameters if parameters is not None else getattr(make, "parameters", None)
     made = make if source is not None else lambda _: make()
     about = f"Runs the controller {controller_name} as a node."

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,11 +54,9 @@ class DepthBank:
         self._wander = np.array([2.0 * row.wander_mm**2 / row.wander_s for row in rows])
         self.most_left_out = min(2, self.count - 1)  #: channels that a filter is without
         #: by filter, the channels that it leaves out
-        self._left_out = [
-            frozenset(some)
-            for size in range(self.most_left_out + 1)
-            for some in combinations(range(self.count), size)
-        ]
+        sizes = range(self.most_left_out + 1)
+        some = chain.from_iterable(combinations(range(self.count), size) for size in sizes)
+        self._left_out = list(map(frozenset, some))
         filters = len(self._left_out)
         size = FIRST + 2 * self.count + EDGES
         deflection = np.array([row.deflection_deviation_mm_per_kn**2 for row in rows])
@@ -157,10 +155,8 @@ class DepthBank:
             self._masks[key] = taken, taken[:, :, None] * taken[:, None, :], added
         taken, both, added = self._masks[key]
         if self._weighed != key:
-            self._weighed, self._inverse = (
-                key,
-                np.asarray(np.linalg.inv(self.s * both + added), np.float64),
-            )
+            self._weighed = key
+            self._inverse = np.asarray(np.linalg.inv(self.s * both + added), np.float64)
         return self._inverse, taken
 
     def correct(self, used: NDArray[np.bool_]) -> None:

@@ -18,37 +18,17 @@ _LENGTH = Range(0.0, 5.0, "mm")
 class ChannelHealth(Coded):
     """Health of a depth channel; a number on the wire."""
 
-    GOOD = 0
-    MISSING = 1
-    OUT_OF_RANGE = 2
-    SPIKE = 3
-    STUCK = 4
-    SLIP = 5
-    DRIFT = 6
-    DUST = 7
-    SUSPECT = 8
-    STEPPED = 9
-    UNKNOWN = 255
-
-    @property
-    def words(self) -> str:
-        """The health in words."""
-        return _WORDS[self]
-
-
-_WORDS = {
-    ChannelHealth.GOOD: "good",
-    ChannelHealth.MISSING: "no sample",
-    ChannelHealth.OUT_OF_RANGE: "out of range",
-    ChannelHealth.SPIKE: "spike",
-    ChannelHealth.STUCK: "stuck",
-    ChannelHealth.SLIP: "slipped",
-    ChannelHealth.DRIFT: "drifts from the others",
-    ChannelHealth.DUST: "noisy or interrupted",
-    ChannelHealth.SUSPECT: "disagrees with another channel, unknown which is wrong",
-    ChannelHealth.STEPPED: "moved from the others: watched until it is clear why",
-    ChannelHealth.UNKNOWN: "unknown",
-}
+    GOOD = 0, "good"
+    MISSING = 1, "no sample"
+    OUT_OF_RANGE = 2, "out of range"
+    SPIKE = 3, "spike"
+    STUCK = 4, "stuck"
+    SLIP = 5, "slipped"
+    DRIFT = 6, "drifts from the others"
+    DUST = 7, "noisy or interrupted"
+    SUSPECT = 8, "disagrees with another channel, unknown which is wrong"
+    STEPPED = 9, "moved from the others: watched until it is clear why"
+    UNKNOWN = 255, "unknown"
 
 
 class DepthChannel(Model):

@@ -132,11 +132,8 @@ class SurfaceEdges:
         """
         here_mm = self.travel_mm
         near = [span for span in self._wrong[channel] if here_mm - span.until_mm < TOLERANCE_MM]
-        same = [
-            span
-            for span in near
-            if height_mm * span.height_mm > max(height_mm**2, span.height_mm**2) / _SAME
-        ]
+        heights = [(span, span.height_mm) for span in near]
+        same = [span for span, h in heights if height_mm * h > max(height_mm**2, h**2) / _SAME]
         now = _Wrong(same[0].since_mm if same else here_mm, here_mm, height_mm)
         self._wrong[channel] = [*(span for span in near if span not in same), now]
 

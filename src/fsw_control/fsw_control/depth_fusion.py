@@ -10,16 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
 from fsw_control.depth_bank import DEPTH, Array, DepthBank
-from fsw_control.depth_channels import (
-    CHANNELS,
-    ChannelHealth,
-    DepthChannel,
-    DepthFusionSettings,
-)
+from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthChannel, DepthFusionSettings
 from fsw_control.depth_edges import SurfaceEdges
 from fsw_control.depth_footprint import Footprint
 from fsw_control.depth_tests import DISAGREE, ChannelTests, Mask
@@ -130,9 +126,7 @@ class DepthFusion:
         bank.correct(judgement.used)
         if judgement.used.any():
             self._used_s = time_s
-        names = tuple(
-            name for name, used in zip(self.channels, judgement.used, strict=True) if used
-        )
+        names = tuple(compress(self.channels, judgement.used))
         variance = float(bank.p[0, DEPTH, DEPTH])
         variance += self.settings.shared_deviation_mm**2
         variance += (self.settings.shared_deflection_mm_per_kn * pushed) ** 2

@@ -271,14 +271,12 @@ class ChannelTests:
     def trust(self, left_out: int, bank: DepthBank) -> None:
         """Compare with the filter that left out a channel, from now on."""
         if len(bank.z) > 1:
-            self._means[:] = 0.0
-            self._off = bank.z[left_out + 1].copy()
+            self._means[:], self._off = 0.0, bank.z[left_out + 1].copy()
         self._quiet = round(1.0 / SECOND)
 
     def restart(self) -> None:
         """Compare with filters that have begun again, from now on."""
-        self._means[:] = 0.0
-        self._off[:] = 0.0
+        self._means[:] = self._off[:] = 0.0
         self._quiet = round(1.0 / SECOND)
 
     def _listen(self, z: Array, present: Mask, health: list[ChannelHealth]) -> None:

@@ -40,6 +40,5 @@ def free_domain() -> Iterator[int]:
                 continue
             yield domain
             return
-    raise NoFreeDomainError(
-        f"no free ROS domain of {_DOMAINS.start} to {_DOMAINS.stop - 1}; stop other runs first"
-    )
+    ends = f"{_DOMAINS.start} to {_DOMAINS.stop - 1}"
+    raise NoFreeDomainError(f"no free ROS domain of {ends}; stop other runs first")

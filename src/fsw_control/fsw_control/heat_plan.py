@@ -6,10 +6,10 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import chain, pairwise
 from math import isfinite, sqrt
 
+from fsw_control.coded import Worded
 from fsw_control.schema.ranges import Range
 from fsw_control.units import NANOSECONDS
 
@@ -26,36 +26,18 @@ _MOST_COMING = 8
 _PLACE_MM = 10.0
 
 
-class HeatPlanProblem(StrEnum):
+class HeatPlanProblem(Worded):
     """Why a heat plan is refused, or no longer used."""
 
-    LENGTHS = "lengths"
-    NOT_FINITE = "not finite"
-    ORDER = "order"
-    VARIANCE = "variance"
-    HEAT = "heat"
-    MODEL = "model"
-    OVER = "over"
-    CHANGED = "changed"
-    PLACE = "place"
-
-    @property
-    def words(self) -> str:
-        """The reason in words."""
-        return _WORDS[self]
-
-
-_WORDS = {
-    HeatPlanProblem.LENGTHS: f"its lists differ in length, or have not 2 to {_MOST_POINTS} values",
-    HeatPlanProblem.NOT_FINITE: "a value is not finite",
-    HeatPlanProblem.ORDER: "its times do not rise, or its places fall",
-    HeatPlanProblem.VARIANCE: "its variance is negative or falls",
-    HeatPlanProblem.HEAT: f"its heat is not {HEAT_KW}",
-    HeatPlanProblem.MODEL: "it has no thermal model, or not one value for each name",
-    HeatPlanProblem.OVER: "it came after its last time",
-    HeatPlanProblem.CHANGED: "another profile is in use in this weld",
-    HeatPlanProblem.PLACE: "the tool is not where the plan has it: the plan is of another path",
-}
+    LENGTHS = "lengths", f"its lists differ in length, or have not 2 to {_MOST_POINTS} values"
+    NOT_FINITE = "not finite", "a value is not finite"
+    ORDER = "order", "its times do not rise, or its places fall"
+    VARIANCE = "variance", "its variance is negative or falls"
+    HEAT = "heat", f"its heat is not {HEAT_KW}"
+    MODEL = "model", "it has no thermal model, or not one value for each name"
+    OVER = "over", "it came after its last time"
+    CHANGED = "changed", "another profile is in use in this weld"
+    PLACE = "place", "the tool is not where the plan has it: the plan is of another path"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

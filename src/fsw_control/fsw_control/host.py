@@ -37,21 +37,17 @@ def answer(
         if proposal.healthy not in (True, False) or not isinstance(proposal.reason, str | Reason):
             raise TypeError(f"healthy is {proposal.healthy!r}, reason is {proposal.reason!r}")
         if not (m.depth_valid and m.torque_valid and m.temperature_valid):
-            needed = [
-                name for name in m.invalid_sensors() if name not in controller.tolerated_sensors
-            ]
+            tolerated = controller.tolerated_sensors
+            needed = [name for name in m.invalid_sensors() if name not in tolerated]
     except Exception as error:
         # A user's controller may fail in any way; the weld must continue under another one.
         raised = Reason(ReasonCode.RAISED, detail=_detail(error))
         return Proposal(applied, healthy=False, reason=raised)
     if refused is not None:
-        return Proposal(
-            applied, healthy=False, reason=refused.reason, diagnosis=proposal.diagnosis
-        )
+        return Proposal(applied, False, refused.reason, proposal.diagnosis)
     if proposal.healthy and needed:
-        return replace(
-            proposal, healthy=False, reason=Reason(ReasonCode.INVALID_SENSOR, tuple(needed))
-        )
+        reason = Reason(ReasonCode.INVALID_SENSOR, tuple(needed))
+        return replace(proposal, healthy=False, reason=reason)
     if isinstance(proposal.reason, str):
         return replace(proposal, reason=Reason.of(proposal.reason))
     return proposal

@@ -7,11 +7,12 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.signals import SignalHandlerOptions
@@ -24,6 +25,8 @@ _LONGEST_END_S = 10.0
 #: Longest time to deliver a node's last messages: at load 30, retransmissions of lost packets took
 #: more than 1 s. A subscriber that was killed never acknowledges.
 _LAST_WORDS_S = 5.0
+#: time within which a signal takes effect in a node that only waits
+_LONGEST_WAIT_S = 0.2
 
 
 def join(arguments: Sequence[str]) -> None:
@@ -72,6 +75,12 @@ class LightNode:
     info -v`` shows it, too), and builds every wait set from all of them: 44 of the supervisor's
     78 entities, which doubles the cost of a wait.
     """
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        # Signal handlers of Python run between two waits: this ends each wait.
+        make: Callable[..., Any] = self.create_timer  # type: ignore[attr-defined]
+        make(_LONGEST_WAIT_S, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def create_publisher(self, *arguments: Any, **options: Any) -> Any:
         """As ``Node.create_publisher``."""

@@ -68,12 +68,12 @@ class ManagedNode(LightNode, LifecycleNode):
     def on_configure(self, state: LifecycleState) -> Result:
         """Configure."""
         self.is_configured = self._attempt("configure", self.configure)
-        return self._result(self.is_configured)
+        return Result.SUCCESS if self.is_configured else Result.FAILURE
 
     def on_activate(self, state: LifecycleState) -> Result:
         """Activate."""
         self.is_active = self._attempt("activate", self.activate)
-        return self._result(self.is_active)
+        return Result.SUCCESS if self.is_active else Result.FAILURE
 
     def on_deactivate(self, state: LifecycleState) -> Result:
         """Deactivate."""
@@ -82,14 +82,15 @@ class ManagedNode(LightNode, LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> Result:
         """Clean up."""
-        self._leave_inactive()
+        if self.is_configured:
+            self.is_configured = False
+            self._undo("clean up", self.cleanup)
         return Result.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> Result:
         """Deactivate and clean up, as far as necessary."""
         self._leave_active()
-        self._leave_inactive()
-        return Result.SUCCESS
+        return self.on_cleanup(state)
 
     def on_error(self, state: LifecycleState) -> Result:
         """As on shutdown, but the node may be configured again."""
@@ -100,11 +101,6 @@ class ManagedNode(LightNode, LifecycleNode):
             self.is_active = False
             self._undo("deactivate", self.deactivate)
 
-    def _leave_inactive(self) -> None:
-        if self.is_configured:
-            self.is_configured = False
-            self._undo("clean up", self.cleanup)
-
     def _attempt(self, what: str, action: Callable[[], object]) -> bool:
         """Run a transition; if it is refused, undo it and return False."""
         self._kept.append(self._entities())
@@ -113,9 +109,7 @@ class ManagedNode(LightNode, LifecycleNode):
         except Exception as error:
             self._refusal = error
             if not self._starting:  # else the caller gets the exception
-                self.get_logger().error(
-                    f"cannot {what}: {' '.join(str(error).split()) or type(error).__name__}"
-                )
+                self._log(f"cannot {what}", error)
             self._destroy_new()
             return False
         return True
@@ -125,14 +119,12 @@ class ManagedNode(LightNode, LifecycleNode):
         try:
             action()
         except Exception as error:
-            self.get_logger().error(
-                f"{what}: {' '.join(str(error).split()) or type(error).__name__}"
-            )
+            self._log(what, error)
         self._destroy_new()
 
-    @staticmethod
-    def _result(done: bool) -> Result:
-        return Result.SUCCESS if done else Result.FAILURE
+    def _log(self, what: str, error: Exception) -> None:
+        text = " ".join(str(error).split()) or type(error).__name__
+        self.get_logger().error(f"{what}: {text}")
 
     def _entities(self) -> list[Any]:
         return [entity for listed in _ENTITIES for entity in getattr(self, listed)]

@@ -200,9 +200,8 @@ class MessageSynchronizer:
         oldest = self._pending[0] if self._pending else None
         lacking = set(REQUIRED).difference(oldest.values if oldest else ())
         if oldest:
-            lacking |= {
-                source for source in self._awaited if oldest.stamp_ns not in self._optional[source]
-            }
+            optional, stamp_ns = self._optional, oldest.stamp_ns
+            lacking |= {name for name in self._awaited if stamp_ns not in optional[name]}
         if not self._answered():
             lacking.add("command")
         return frozenset(lacking)
@@ -287,10 +286,8 @@ class MessageSynchronizer:
         return bool(lacking) and not any(lacking <= self._sources_of(tick) for tick in newer)
 
     def _sources_of(self, tick: SampleSet) -> set[str]:
-        return {
-            *tick.values,
-            *(name for name, samples in self._optional.items() if tick.stamp_ns in samples),
-        }
+        came = {name for name, samples in self._optional.items() if tick.stamp_ns in samples}
+        return {*tick.values, *came}
 
     def _release(self) -> list[SampleSet]:
         ticks: list[SampleSet] = []
@@ -310,11 +307,8 @@ class MessageSynchronizer:
             # at every tick.
             self._awaits_command = self._unanswered < RULES.unanswered
         stamp_ns = tick.stamp_ns
-        came = {
-            name: samples.pop(stamp_ns)
-            for name, samples in self._optional.items()
-            if stamp_ns in samples
-        }
+        all_came = {name: samples.pop(stamp_ns, None) for name, samples in self._optional.items()}
+        came = {name: value for name, value in all_came.items() if value is not None}
         missed += self._awaited - came.keys()
         self._awaited = set(came) if self._await_drives else set()
         tick.drives = came.pop(DRIVES, None)

@@ -92,9 +92,8 @@ def message_type(sensor: str) -> Any:
 def sensor_message(sensor: str, value: float, time_ns: int) -> Any:
     """Sample of a sensor, ``value`` in its unit (mm, N m, degC)."""
     row = SENSORS[sensor]
-    message = message_type(sensor)(
-        header=header(time_ns), **{row.quantity.name: row.on_wire(value)}
-    )
+    values = {row.quantity.name: row.on_wire(value)}
+    message = message_type(sensor)(header=header(time_ns), **values)
     if row.quantity is DEPTH:
         message.standard_deviation = row.on_wire(row.noise)
     return message
@@ -111,12 +110,9 @@ def add_basis(
     message.footprint = footprint_sha256
     if fused is not None:
         message.standard_deviation = units.m_from_mm(fused.deviation_mm)
-        message.channel_health = [
-            fused.health.get(name, ChannelHealth.UNKNOWN) for name in DEPTH_CHANNELS.values()
-        ]
-        message.channels_used = sum(
-            1 << k for k, name in enumerate(DEPTH_CHANNELS.values()) if name in fused.used
-        )
+        names, unknown = DEPTH_CHANNELS.values(), ChannelHealth.UNKNOWN
+        message.channel_health = [fused.health.get(name, unknown) for name in names]
+        message.channels_used = sum((name in fused.used) << k for k, name in enumerate(names))
 
 
 def sensor_value(sensor: str, message: Any) -> float:
@@ -148,29 +144,21 @@ def drives_message(
 def actuator_state(message: DriveFeedback) -> ActuatorState:
     """Memory of the actuator end."""
     state = message.actuator
-    answered_ns = stamp_ns(state.answered)
-    return ActuatorState(
-        state.term, state.leader, state.unanswered, state.source, stop(state.stop), answered_ns
-    )
+    memory = stop(state.stop), stamp_ns(state.answered)
+    return ActuatorState(state.term, state.leader, state.unanswered, state.source, *memory)
 
 
 def stop(message: StopMessage) -> Stop:
-    """Copy of the stop register; an unknown cause, as of a later version, counts as none."""
-    cause = StopCause(message.cause) if message.cause in set(StopCause) else StopCause.NONE
-    return Stop(
-        int(message.epoch), bool(message.stopped), cause, message.who, stamp_ns(message.since)
-    )
+    """Copy of the stop register."""
+    cause, since_ns = StopCause(message.cause), stamp_ns(message.since)
+    return Stop(int(message.epoch), bool(message.stopped), cause, message.who, since_ns)
 
 
 def stop_message(value: Stop) -> StopMessage:
     """Copy of the stop register as a message."""
-    return StopMessage(
-        epoch=value.epoch,
-        stopped=value.stopped,
-        cause=int(value.cause),
-        who=value.who,
-        since=stamp_from_ns(value.since_ns),
-    )
+    cause, since = int(value.cause), stamp_from_ns(value.since_ns)
+    state = {"epoch": value.epoch, "stopped": value.stopped, "who": value.who}
+    return StopMessage(cause=cause, since=since, **state)
 
 
 def signature(message: WeldCommand | SupervisorState) -> Signature:
@@ -197,9 +185,8 @@ def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
     Raises as :func:`reference` does, and also if the stamps do not rise.
     """
     planned = [(stamp_ns(entry.header.stamp), reference(entry)) for entry in message.references]
-    for (before_ns, _), (after_ns, _) in pairwise(planned):
-        if not before_ns < after_ns:
-            raise RefusedError.of(Forbidden.FALLING)
+    if any(before_ns >= after_ns for (before_ns, _), (after_ns, _) in pairwise(planned)):
+        raise RefusedError.of(Forbidden.FALLING)
     return planned
 
 
@@ -264,11 +251,10 @@ def reference_message(
     )
 
 
-def command(message: WeldCommand | DriveFeedback) -> Command:
+def command(message: WeldCommand | DriveFeedback | SetMode.Request) -> Command:
     """Inputs of a command, proposal or drive feedback; not checked for finite values."""
-    return Command(
-        units.kn_from_n(message.axial_force), units.rpm_from_rad_s(message.spindle_speed)
-    )
+    speed_rpm = units.rpm_from_rad_s(message.spindle_speed)
+    return Command(units.kn_from_n(message.axial_force), speed_rpm)
 
 
 def command_message(
@@ -322,11 +308,8 @@ def wire_quantities(quantities: Mapping[str, float]) -> tuple[list[str], list[fl
     Only the core's names are converted; a controller's own names and values are passed through
     unchanged.
     """
-    wire = [_WIRE.get(name, (name, float)) for name in quantities]
-    values = [
-        converted(value) for (_, converted), value in zip(wire, quantities.values(), strict=True)
-    ]
-    return [name for name, _ in wire], values
+    wire = [(*_WIRE.get(name, (name, float)), value) for name, value in quantities.items()]
+    return [name for name, _, _ in wire], [converted(value) for _, converted, value in wire]
 
 
 def attainable(message: ControllerStatus) -> Reference | None:
@@ -371,14 +354,10 @@ def switch_request(
     controller: str, wait_s: float, strict: bool = False
 ) -> SwitchController.Request:
     """Request to switch the controller; ``wait_s`` is how long it may take to be ready."""
-    seconds = int(wait_s)
-    return SwitchController.Request(
-        name=controller,
-        strictness=SwitchController.Request.STRICT
-        if strict
-        else SwitchController.Request.BEST_EFFORT,
-        timeout=Duration(sec=seconds, nanosec=round((wait_s - seconds) * 1e9)),
-    )
+    kind, seconds = SwitchController.Request, int(wait_s)
+    timeout = Duration(sec=seconds, nanosec=round((wait_s - seconds) * 1e9))
+    strictness = kind.STRICT if strict else kind.BEST_EFFORT
+    return kind(name=controller, strictness=strictness, timeout=timeout)
 
 
 def mode_request(

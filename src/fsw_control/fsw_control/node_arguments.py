@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from textwrap import fill
+from itertools import takewhile
+from textwrap import fill, indent
 from typing import Any
 
 from fsw_control.parameters import NodeParameters, describe, require_known
-from fsw_control.schema.errors import InputError
-from fsw_control.schema.files import read_regular
-from fsw_control.schema.yaml_text import content_of
+from fsw_control.schema.models import content_of, read_text
 
 #: parameters of every node
 _OF_ROS = ("use_sim_time", "start_type_description_service")
@@ -67,32 +67,23 @@ def parameter_help(parameters: type[NodeParameters]) -> str:
     """All parameters with type, default, range and meaning."""
     lines = ["parameters:"]
     for spec in describe(parameters).values():
-        default = (
-            "[" + ", ".join(map(str, spec.default)) + "]"
-            if isinstance(spec.default, list)
-            else spec.default
-        )
-        parts = [
-            spec.type,
-            f"default {default if default != '' else 'empty'} {spec.unit}".rstrip(),
-        ]
+        default = "empty" if spec.default == "" else spec.default
+        if isinstance(default, list):
+            default = f"[{', '.join(map(str, default))}]"
+        parts = [spec.type, f"default {default} {spec.unit}".rstrip()]
         if spec.range is not None:
             parts.append(f"{spec.range[0]:g} to {spec.range[1]:g} {spec.unit}".rstrip())
         parts += [f"one of {', '.join(spec.options)}"] if spec.options else []
         parts += ["at start only"] if spec.read_only else []
         lines.append(f"  {spec.name}  ({'; '.join(parts)})")
-        lines.append(
-            fill(spec.description, _WIDTH, initial_indent=" " * 6, subsequent_indent=" " * 6)
-        )
+        lines.append(indent(fill(spec.description, _WIDTH - 6), " " * 6))
     return "\n".join(lines)
 
 
 def asks_for_help(argv: Sequence[str]) -> bool:
     """Whether ``--help`` is among the arguments before ``--ros-args``."""
-    own = list(argv[1:])
-    return bool(
-        {"-h", "--help"} & set(own[: own.index("--ros-args")] if "--ros-args" in own else own)
-    )
+    own = takewhile(lambda word: word != "--ros-args", argv[1:])
+    return not {"-h", "--help"}.isdisjoint(own)
 
 
 def _ros_options(argv: Sequence[str]) -> Iterator[tuple[str, str]]:
@@ -106,20 +97,10 @@ def _ros_options(argv: Sequence[str]) -> Iterator[tuple[str, str]]:
 
 def _in_file(path: str, name: str) -> list[str]:
     """Names of the parameters in a node's sections of a parameter file."""
-    try:
-        content = content_of(read_regular(path).decode(), path)
-    except FileNotFoundError:
+    if not os.path.exists(path):
         return []
-    except OSError as error:
-        raise InputError(f"cannot read parameter file {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"cannot read parameter file {path}: not a text file in UTF-8") from None
-    return [
-        parameter
-        for node, values in _sections("", content)
-        if node == name
-        for parameter in _names(values)
-    ]
+    sections = _sections("", content_of(read_text(path, "parameter file"), path))
+    return [key for node, values in sections if node == name for key in _names(values)]
 
 
 def _sections(node: str, content: Any) -> Iterator[tuple[str, Any]]:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import atexit
-import contextlib
 import signal
-import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import rclpy
-from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.utilities import get_default_context, remove_ros_args
@@ -67,35 +65,10 @@ class _Interrupts:
         now_s = time.monotonic()
         if self._first_s is None:
             self._first_s = now_s
-        if self.phase == "starting" or (
-            self.phase == "spinning" and now_s - self._first_s > _PATIENCE_S
-        ):
+        is_second = self.phase == "spinning" and now_s - self._first_s > _PATIENCE_S
+        if self.phase == "starting" or is_second:
             self.phase = "ending"
             raise KeyboardInterrupt
-
-    @contextlib.contextmanager
-    def waking(self, executor: Executor) -> Iterator[None]:
-        """Let signals wake the executor: no handler runs while the middleware blocks Python."""
-        if not self._before:
-            yield
-            return
-        reader, writer = socket.socketpair()
-        writer.setblocking(False)
-
-        def wake() -> None:
-            while reader.recv(1):
-                executor.create_task(lambda: None)
-
-        thread = threading.Thread(target=wake, name="signals", daemon=True)
-        thread.start()
-        before = signal.set_wakeup_fd(writer.fileno())
-        try:
-            yield
-        finally:
-            signal.set_wakeup_fd(before)
-            writer.close()
-            thread.join()
-            reader.close()
 
 
 def _spin(node: Node, interrupts: _Interrupts) -> None:
@@ -106,14 +79,13 @@ def _spin(node: Node, interrupts: _Interrupts) -> None:
     """
     executor = rclpy.get_global_executor()
     executor.add_node(node)
-    with interrupts.waking(executor):
-        while rclpy.ok() and not interrupts.asked:
-            try:
-                executor.spin_once()
-            except RuntimeError as error:
-                if not isinstance(node, LifecycleNode) or "transition" not in str(error):
-                    raise
-                node.get_logger().warning(f"refused: {' '.join(str(error).split())}")
+    while rclpy.ok() and not interrupts.asked:
+        try:
+            executor.spin_once()
+        except RuntimeError as error:
+            if not isinstance(node, LifecycleNode) or "transition" not in str(error):
+                raise
+            node.get_logger().warning(f"refused: {' '.join(str(error).split())}")
 
 
 def run(
@@ -126,8 +98,8 @@ def run(
     Parameters
     ----------
     factory : callable
-        Returns the node; called after ``rclpy.init``, with the positional argument before
-        ``--ros-args`` if there is one. May raise to reject its parameters.
+        Returns the node, a ``LightNode``; called after ``rclpy.init``, with the positional
+        argument before ``--ros-args`` if there is one. May raise to reject its parameters.
     args : sequence of str, optional
         Command line as in ``sys.argv`` (with the program's name), its default. Only ROS arguments
         are accepted, and one positional argument if ``arguments`` names it (``positional``).
@@ -157,9 +129,8 @@ def run(
             words = remove_ros_args(args=argv)[1:]
             taken = 1 if arguments is not None and arguments.positional else 0
             if surplus := words[taken:] or [word for word in words if word.startswith("-")]:
-                raise ValueError(
-                    f"unknown arguments {' '.join(surplus)}; ROS arguments go after --ros-args"
-                )
+                text = f"unknown arguments {' '.join(surplus)}"
+                raise ValueError(f"{text}; ROS arguments go after --ros-args")
             node = factory(*words)
             interrupts.phase = "spinning"
             _spin(node, interrupts)
@@ -172,10 +143,8 @@ def run(
                     raise
                 # Any error during the start (rcl's argument errors are RuntimeErrors) is reported
                 # in one line.
-                print(
-                    f"{program}: {' '.join(str(error).split()) or type(error).__name__}",
-                    file=sys.stderr,
-                )
+                text = " ".join(str(error).split()) or type(error).__name__
+                print(f"{program}: {text}", file=sys.stderr)
                 return 2
         finally:
             interrupts.phase = "ending"
@@ -194,10 +163,7 @@ def _leave_graph() -> None:
 
 
 def main_of(
-    node: Callable[..., Node],
-    name: str,
-    about: str | None,
-    parameters: type[NodeParameters],
+    node: Callable[..., Node], name: str, about: str | None, parameters: type[NodeParameters]
 ) -> Callable[..., int]:
     """Return the ``main`` of a node's module.
 

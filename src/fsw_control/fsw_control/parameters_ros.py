@@ -93,9 +93,8 @@ def state_contents(node: Node, own: ParameterValues) -> None:
         return SetParametersResult(successful=True)
 
     def update(values: dict[str, Any]) -> None:
-        node.set_parameters(
-            [Parameter(stated, value=_sha256(values[name])) for stated, name in files.items()]
-        )
+        hashes = {stated: _sha256(values[name]) for stated, name in files.items()}
+        node.set_parameters([Parameter(name, value=value) for name, value in hashes.items()])
 
     node.add_on_set_parameters_callback(check)
     for stated, name in files.items():
@@ -151,7 +150,6 @@ def _descriptor(spec: ParameterSpec) -> ParameterDescriptor:
         if spec.type == "int":
             message.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=1)]
         elif spec.type == "double":
-            message.floating_point_range = [
-                FloatingPointRange(from_value=low, to_value=high, step=0.0)
-            ]
+            bounds = FloatingPointRange(from_value=low, to_value=high, step=0.0)
+            message.floating_point_range = [bounds]
     return message

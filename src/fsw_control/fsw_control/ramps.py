@@ -28,10 +28,9 @@ Programme = list[tuple[int, Reference]]
 
 def duration_s(start: Reference, goal: Reference) -> float:
     """Duration of a ramp at the permitted rates."""
-    return max(
-        abs(goal.depth_mm - start.depth_mm) / WELD_RATE_DEPTH_MM_PER_S,
-        abs(goal.temperature_c - start.temperature_c) / WELD_RATE_TEMPERATURE_C_PER_S,
-    )
+    depth_s = abs(goal.depth_mm - start.depth_mm) / WELD_RATE_DEPTH_MM_PER_S
+    change_c = abs(goal.temperature_c - start.temperature_c)
+    return max(depth_s, change_c / WELD_RATE_TEMPERATURE_C_PER_S)
 
 
 def ramp(start: Reference, goal: Reference, begin_ns: int) -> Programme:
@@ -74,16 +73,11 @@ def _by_tick(start: Reference, goal: Reference) -> Programme:
     """A ramp by tick, which starts at tick 1."""
     ticks = ceil(duration_s(start, goal) / TICK_S)
     depth, temperature = goal.depth_mm - start.depth_mm, goal.temperature_c - start.temperature_c
-    return [
-        (
-            tick,
-            Reference(
-                start.depth_mm + tick / ticks * depth,
-                start.temperature_c + tick / ticks * temperature,
-            ),
-        )
-        for tick in range(1, ticks)
-    ] + [(ticks, goal)]
+
+    def at(share: float) -> Reference:
+        return Reference(start.depth_mm + share * depth, start.temperature_c + share * temperature)
+
+    return [*((tick, at(tick / ticks)) for tick in range(1, ticks)), (ticks, goal)]
 
 
 def _timed(points: Programme, begin_ns: int) -> Programme:
@@ -114,11 +108,8 @@ class ReferencePlan:
     def _has_come(self, index: int, present: Reference) -> bool:
         """Whether ``present`` is as planned, or near a step of a ramp's or sine's staircase."""
         planned = self._coming[index]
-        near = [
-            point
-            for point in self._coming[max(index - 1, 0) : index + 2]
-            if abs(point.at_s - planned.at_s) <= STAIR_S
-        ]
+        near = self._coming[max(index - 1, 0) : index + 2]
+        near = [point for point in near if abs(point.at_s - planned.at_s) <= STAIR_S]
         return all(
             _within(getattr(present, name), [getattr(point, name) for point in near])
             for name in ("depth_mm", "temperature_c")

@@ -39,15 +39,13 @@ class Forbidden(Worded):
 
 def set_point_problem(depth_mm: float, temperature_c: float) -> Fact | None:
     """Why set-points are not permitted; None if they are."""
-    named = (
-        ("depth", depth_mm, REFERENCE_DEPTH_MM),
-        ("temperature", temperature_c, REFERENCE_TEMPERATURE_C),
-    )
+    depth = "depth", depth_mm, REFERENCE_DEPTH_MM
+    temperature = "temperature", temperature_c, REFERENCE_TEMPERATURE_C
     # rounded as in the conversion to SI
     return several(
         [
             Fact(Forbidden.OUT_OF_RANGE, {"quantity": name, "value": value, **asdict(allowed)})
-            for name, value, allowed in named
+            for name, value, allowed in (depth, temperature)
             if not allowed.low <= round(value, 9) <= allowed.high
         ]
     )

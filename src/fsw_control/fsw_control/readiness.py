@@ -3,38 +3,38 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from fsw_control.reason import Reason
 
 
 class Lack(IntEnum):
-    """Conditions that prevent a selection; numbered as in ``ControllerHealth.msg``."""
+    """Conditions that prevent a selection; numbered as in ``ControllerHealth.msg``.
+
+    Members are ``NAME = number, predicate, explanation``: texts about the controller.
+    """
+
+    predicate: str
+    why: str
+
+    def __new__(cls, value: int, predicate: str = "", why: str = "") -> Self:
+        """Create a member with its texts."""
+        lack = int.__new__(cls, value)
+        lack._value_, lack.predicate, lack.why = value, predicate, why
+        return lack
 
     NONE = 0
-    UNKNOWN = 1
-    INHIBITED = 2
-    AMBIGUOUS = 3
-    UNUSABLE = 4
-    LEFT = 5
-    WARMING = 6
-    BLIND = 7
+    UNKNOWN = 1, "", "is unknown"
+    INHIBITED = 2, "is inhibited: ", "{why}"
+    AMBIGUOUS = 3, "is ambiguous: ", "two controllers of this name propose"
+    UNUSABLE = 4, "is not usable: ", "{why}"
+    LEFT = 5, "", "has left the graph"
+    WARMING = 6, "is not ready: ", "{good} of {required} good proposals in a row"
+    BLIND = 7, "", "requires the sensor {sensors}"
 
     @classmethod
     def _missing_(cls, value: object) -> Lack:
         return cls.UNUSABLE
-
-
-#: text about the controller, and its explanation
-_WORDS = {
-    Lack.UNKNOWN: ("", "is unknown"),
-    Lack.INHIBITED: ("is inhibited: ", "{why}"),
-    Lack.AMBIGUOUS: ("is ambiguous: ", "two controllers of this name propose"),
-    Lack.UNUSABLE: ("is not usable: ", "{why}"),
-    Lack.LEFT: ("", "has left the graph"),
-    Lack.WARMING: ("is not ready: ", "{good} of {required} good proposals in a row"),
-    Lack.BLIND: ("", "requires the sensor {sensors}"),
-}
 
 
 class Readiness(NamedTuple):
@@ -49,17 +49,15 @@ class Readiness(NamedTuple):
     @property
     def why(self) -> str:
         """What it lacks, in words without its name; empty if nothing."""
-        if self.lack is Lack.NONE:
-            return ""
         sensors = ", ".join(self.sensors)
-        return _WORDS[self.lack][1].format(
+        return self.lack.why.format(
             why=self.reason.words, sensors=sensors, good=self.good, required=self.required
         )
 
     @property
     def predicate(self) -> str:
         """The same as the predicate of a sentence about it."""
-        return "" if self.lack is Lack.NONE else f"{_WORDS[self.lack][0]}{self.why}"
+        return self.lack.predicate + self.why
 
     def words(self, name: str) -> str:
         """What controller ``name`` lacks; empty if nothing."""

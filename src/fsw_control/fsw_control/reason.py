@@ -9,137 +9,66 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from fsw_control.coded import Coded
+from fsw_control.stop import StopCause
 
 
 class ReasonCode(Coded):
     """Kind of a reason; numbered as in ``Reason.msg``, which says what each means."""
 
     NONE = 0
-    OTHER = 1
-    NO_SET_POINT = 2
-    INVALID_SENSOR = 3
-    RAISED = 4
-    BAD_COMMAND = 5  # of earlier versions
-    WAITING_FOR_SENSORS = 6
-    NOT_WELDING = 7
-    NO_REFERENCE = 8
-    BLIND = 9
-    OUT_OF_BOUNDS = 10
-    SOLVER = 11
-    CAUTION = 12  # of earlier versions
-    FORCE_HELD = 13
-    OVERFLOW = 14
-    HORIZON = 15
-    NOT_FINITE = 16
-    OUT_OF_RANGE = 17
-    JUMP = 18
-    REJOINING = 19
-    SLEWING = 21
-    FOREIGN = 22
-    INCOMPLETE = 23
-    NO_SAMPLES = 24
-    STALLED = 25
-    NO_MEASUREMENT = 30
-    COMMAND_UNKNOWN = 31
-    WAITING_FOR_CONTROLLER = 32
-    ACTIVE_BEFORE = 33
-    CONFIGURED = 34
-    SUBSTITUTED = 35
-    ABANDONED = 36
-    GAP = 37
-    REQUESTED = 38
-    REQUESTED_BEFORE = 39
-    FAILED = 40
-    NO_FALLBACK = 41
-    STORM = 42
-    READY_AGAIN = 43
-    TIMEOUT = 44
-    STOPPED_BEFORE = 45
-    STOP_HEARD = 46
-    INTERLOCKS = 47
-    CLOCK_STOPPED = 48
-    NO_PROPOSAL = 50
-    NO_PROPOSAL_YET = 51
-    LATE = 52
-    OUTDATED = 53
-    OTHER_SOURCE = 54
-    UNHEALTHY = 55
-    NAMESAKE = 56
-    UNKNOWN_CONTROLLER = 57
-    SENSOR_REQUIRED = 58
-    UNKNOWN = 255
-
-
-_WORDS = {
-    ReasonCode.NONE: "",
-    ReasonCode.OTHER: "{detail}",
-    ReasonCode.NO_SET_POINT: "no set-point yet",
-    ReasonCode.INVALID_SENSOR: "invalid sensor: {sensors}",
-    ReasonCode.RAISED: "controller raised {detail}",
-    ReasonCode.BAD_COMMAND: "command is {detail}",
-    ReasonCode.WAITING_FOR_SENSORS: "waiting for valid sensors: {sensors}",
-    ReasonCode.NOT_WELDING: "waiting: depth and temperature are not those of a weld",
-    ReasonCode.NO_REFERENCE: "no usable reference",
-    ReasonCode.BLIND: "no valid {sensors} for more than {limit_s:g} s",
-    ReasonCode.OUT_OF_BOUNDS: "the applied command is more than a move outside the bounds",
-    ReasonCode.SOLVER: "solver: {detail}",
-    ReasonCode.CAUTION: "adapting with caution: {detail}",
-    ReasonCode.FORCE_HELD: "no valid {sensors}, force held",
-    ReasonCode.OVERFLOW: "samples beyond all range, loops start again",
-    ReasonCode.HORIZON: "another horizon cannot be made: {detail}",
-    ReasonCode.NOT_FINITE: "{subject} is not finite",
-    ReasonCode.OUT_OF_RANGE: "{subject} is outside its limits",
-    ReasonCode.JUMP: "{subject} jumps by more than a move",
-    ReasonCode.REJOINING: "started in mid-weld: the heat is not known yet",
-    ReasonCode.SLEWING: "slewing after a swap",
-    ReasonCode.FOREIGN: "the controller has followed a foreign command",
-    ReasonCode.INCOMPLETE: "the measurement lacks {sensors}",
-    ReasonCode.NO_SAMPLES: "only the drives' feedback has arrived, no sensor sample",
-    ReasonCode.STALLED: "the arbiter was stalled",
-    ReasonCode.NO_MEASUREMENT: "starting: waiting for measurements",
-    ReasonCode.COMMAND_UNKNOWN: "starting: the command in force is not known yet",
-    ReasonCode.WAITING_FOR_CONTROLLER: "starting: waiting for {subject}",
-    ReasonCode.ACTIVE_BEFORE: "{subject} was active before",
-    ReasonCode.CONFIGURED: "{subject} is configured to start with",
-    ReasonCode.SUBSTITUTED: "{subject} has no usable proposal, a fallback has",
-    ReasonCode.ABANDONED: "{subject} was active before and has no usable proposal",
-    ReasonCode.GAP: "measurements are back after a gap",
-    ReasonCode.REQUESTED: "request for {subject}",
-    ReasonCode.REQUESTED_BEFORE: "{subject} was requested of the leader before",
-    ReasonCode.FAILED: "{subject} failed",
-    ReasonCode.NO_FALLBACK: "no fallback is ready",
-    ReasonCode.STORM: "too many swaps in {limit_s:g} s",
-    ReasonCode.READY_AGAIN: "{subject} is ready again",
-    ReasonCode.TIMEOUT: "{subject} for {limit_s:g} s",
-    ReasonCode.STOPPED_BEFORE: "a safe stop was in force before the restart",
-    ReasonCode.STOP_HEARD: "a safe stop is in force: {subject}",
-    ReasonCode.INTERLOCKS: "interlock tripped: {interlocks}",
-    ReasonCode.CLOCK_STOPPED: (
-        "measurements arrive, but their stamps have not advanced for {limit_s:g} s"
-    ),
-    ReasonCode.NO_PROPOSAL: "no proposal at the deadline",
-    ReasonCode.NO_PROPOSAL_YET: "no proposal yet",
-    ReasonCode.LATE: "late: {limit_ms:.0f} ms after the measurement",
-    ReasonCode.OUTDATED: "late: answers a measurement {limit_ms:.0f} ms older than the last",
-    ReasonCode.OTHER_SOURCE: "proposal names the source {subject!r}",
-    ReasonCode.UNHEALTHY: "the controller says it is unhealthy, without a reason",
-    ReasonCode.NAMESAKE: "two controllers of this name propose",
-    ReasonCode.UNKNOWN_CONTROLLER: "it is unknown",
-    ReasonCode.SENSOR_REQUIRED: "requires the sensor {sensors}",
-    ReasonCode.UNKNOWN: "reason not on record",
-}
-
-#: by code of ``StopCause``, which is the subject of a stop that was heard of
-_STOPS = {
-    "operator": "requested",
-    "interlock": "an interlock has tripped",
-    "hold_timeout": "force and speed were held for too long",
-    "start_timeout": "no controller was ready in time",
-    "blind": "a sensor was invalid for too long",
-    "watchdog": "no commands reached the machine",
-    "restart": "it began before a restart",
-    "clock": "stamps did not advance",
-}
+    OTHER = 1, "{detail}"
+    NO_SET_POINT = 2, "no set-point yet"
+    INVALID_SENSOR = 3, "invalid sensor: {sensors}"
+    RAISED = 4, "controller raised {detail}"
+    BAD_COMMAND = 5, "command is {detail}"  # of earlier versions
+    WAITING_FOR_SENSORS = 6, "waiting for valid sensors: {sensors}"
+    NOT_WELDING = 7, "waiting: depth and temperature are not those of a weld"
+    NO_REFERENCE = 8, "no usable reference"
+    BLIND = 9, "no valid {sensors} for more than {limit_s:g} s"
+    OUT_OF_BOUNDS = 10, "the applied command is more than a move outside the bounds"
+    SOLVER = 11, "solver: {detail}"
+    CAUTION = 12, "adapting with caution: {detail}"  # of earlier versions
+    FORCE_HELD = 13, "no valid {sensors}, force held"
+    OVERFLOW = 14, "samples beyond all range, loops start again"
+    HORIZON = 15, "another horizon cannot be made: {detail}"
+    NOT_FINITE = 16, "{subject} is not finite"
+    OUT_OF_RANGE = 17, "{subject} is outside its limits"
+    JUMP = 18, "{subject} jumps by more than a move"
+    REJOINING = 19, "started in mid-weld: the heat is not known yet"
+    SLEWING = 21, "slewing after a swap"
+    FOREIGN = 22, "the controller has followed a foreign command"
+    INCOMPLETE = 23, "the measurement lacks {sensors}"
+    NO_SAMPLES = 24, "only the drives' feedback has arrived, no sensor sample"
+    STALLED = 25, "the arbiter was stalled"
+    NO_MEASUREMENT = 30, "starting: waiting for measurements"
+    COMMAND_UNKNOWN = 31, "starting: the command in force is not known yet"
+    WAITING_FOR_CONTROLLER = 32, "starting: waiting for {subject}"
+    ACTIVE_BEFORE = 33, "{subject} was active before"
+    CONFIGURED = 34, "{subject} is configured to start with"
+    SUBSTITUTED = 35, "{subject} has no usable proposal, a fallback has"
+    ABANDONED = 36, "{subject} was active before and has no usable proposal"
+    GAP = 37, "measurements are back after a gap"
+    REQUESTED = 38, "request for {subject}"
+    REQUESTED_BEFORE = 39, "{subject} was requested of the leader before"
+    FAILED = 40, "{subject} failed"
+    NO_FALLBACK = 41, "no fallback is ready"
+    STORM = 42, "too many swaps in {limit_s:g} s"
+    READY_AGAIN = 43, "{subject} is ready again"
+    TIMEOUT = 44, "{subject} for {limit_s:g} s"
+    STOPPED_BEFORE = 45, "a safe stop was in force before the restart"
+    STOP_HEARD = 46, "a safe stop is in force: {subject}"
+    INTERLOCKS = 47, "interlock tripped: {interlocks}"
+    CLOCK_STOPPED = 48, "measurements arrive, but their stamps have not advanced for {limit_s:g} s"
+    NO_PROPOSAL = 50, "no proposal at the deadline"
+    NO_PROPOSAL_YET = 51, "no proposal yet"
+    LATE = 52, "late: {limit_ms:.0f} ms after the measurement"
+    OUTDATED = 53, "late: answers a measurement {limit_ms:.0f} ms older than the last"
+    OTHER_SOURCE = 54, "proposal names the source {subject!r}"
+    UNHEALTHY = 55, "the controller says it is unhealthy, without a reason"
+    NAMESAKE = 56, "two controllers of this name propose"
+    UNKNOWN_CONTROLLER = 57, "it is unknown"
+    SENSOR_REQUIRED = 58, "requires the sensor {sensors}"
+    UNKNOWN = 255, "reason not on record"
 
 
 class Reason(NamedTuple):
@@ -159,14 +88,15 @@ class Reason(NamedTuple):
     @property
     def words(self) -> str:
         """The reason in words, with its causes; empty if there is nothing to explain."""
-        heard = self.code is ReasonCode.STOP_HEARD
-        own = _WORDS[self.code].format(
+        stops = StopCause.__members__ if self.code is ReasonCode.STOP_HEARD else {}
+        stop = stops.get(self.subject.upper())
+        own = self.code.words.format(
             sensors=", ".join(self.sensors),
             interlocks=", ".join(self.interlocks),
             limit_s=self.limit_s,
             limit_ms=1e3 * self.limit_s,
             detail=self.detail,
-            subject=_STOPS.get(self.subject, self.subject) if heard else self.subject,
+            subject=stop.words if stop else self.subject,
         )
         return f"{own}: {self.because.words}" if self.because else own
 
@@ -186,15 +116,8 @@ class Reason(NamedTuple):
         if not chain:
             return cls()
         head, because = chain[0], cls.of_messages(chain[1:])
-        return cls(
-            ReasonCode(head.code),
-            tuple(head.sensors),
-            float(head.limit),
-            head.detail,
-            head.subject,
-            tuple(head.interlocks),
-            because or None,
-        )
+        own = ReasonCode(head.code), tuple(head.sensors), float(head.limit), head.detail
+        return cls(*own, head.subject, tuple(head.interlocks), because or None)
 
     @property
     def fields(self) -> dict[str, Any]:

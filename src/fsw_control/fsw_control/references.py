@@ -178,9 +178,8 @@ class ReferenceQueue:
             self._count += 1
             known = [item.mark for item in self._waiting if item.issued_ns == issued_ns]
             mark = mark or "".join(known[:1]) or (self.mark if issued_ns == self.issued_ns else "")
-            insort(
-                self._waiting, _Issued(issued_ns, values, self._count, stamp_ns, reference, mark)
-            )
+            item = _Issued(issued_ns, values, self._count, stamp_ns, reference, mark)
+            insort(self._waiting, item)
 
     def at(self, tick_ns: int) -> Reference | None:
         """Return the reference in force at a tick, None before the first; call it in order."""

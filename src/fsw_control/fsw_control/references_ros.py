@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import time
 import uuid
 from collections.abc import Awaitable, Callable
@@ -48,10 +47,7 @@ class SetPoints(Worded):
         "ramp",
         "set-points {depth_mm:.4g} mm, {temperature_c:.5g} degC by a ramp over {duration_s:.1f} s",
     )
-    NEXT = (
-        "next",
-        "{sent.words}; there are no measurements, they will be in force from the next one on",
-    )
+    NEXT = "next", "{sent.words}, in force from the next measurement on"
     ON_STANDBY = "on_standby", "this supervisor is on standby now; send the request again"
     INCOMPLETE = "incomplete", "no set-points are in force yet; give both depth and temperature"
     NO_START = (
@@ -67,10 +63,7 @@ class SetPoints(Worded):
         "overtaken",
         "other set-points were received after them; check those in force and send them again",
     )
-    UNCONFIRMED = (
-        "unconfirmed",
-        "not confirmed within {wait_s:g} s; check which set-points are in force",
-    )
+    UNCONFIRMED = "unconfirmed", "not confirmed within {wait_s:g} s; check the set-points in force"
 
 
 _ON_STANDBY = Answer.refused(SetPoints.ON_STANDBY)
@@ -202,15 +195,10 @@ class KeptReference:
         self.queue.decides = False
         self._statement: StatedReference | None = None
         self._service: Service | None = None
-        self._group = (
-            ReentrantCallbackGroup()
-        )  # so that a pending answer does not block the topics
+        self._group = ReentrantCallbackGroup()  # a pending answer does not block the topics
         self._publishers: tuple[Publisher, Publisher] | None = None
         self._controllers: list[str] = []
         self._asked: list[_Asked] = []
-        self._marks = (
-            f"set_reference {uuid.uuid4().hex[:12]} {count}" for count in itertools.count(1)
-        )
         self._tick_ns = -1
         self._refused = self._reported = 0
         self._last_refusal: Fact | None = None
@@ -308,7 +296,8 @@ class KeptReference:
         if not await self._leads():
             return _ON_STANDBY
         due_s = time.monotonic() + _ANSWER_S
-        pending = _Asked(next(self._marks), Future(executor=self._node.executor), due_s)
+        mark = f"set_reference {uuid.uuid4().hex}"
+        pending = _Asked(mark, Future(executor=self._node.executor), due_s)
         self._asked.append(pending)
         try:
             present = self.queue.at(self._tick_ns) if self._tick_ns >= 0 else None
@@ -334,10 +323,9 @@ class KeptReference:
             raise RefusedError.of(SetPoints.PROGRAMME_RUNS)
 
     def _check_listeners(self) -> None:
-        topics = (
-            self._node.resolve_topic_name(f"fsw/{name}/reference") for name in self._controllers
-        )
-        if not any(self._node.count_publishers(topic) for topic in topics):
+        topics = [f"fsw/{name}/reference" for name in self._controllers]
+        resolved = map(self._node.resolve_topic_name, topics)
+        if not any(map(self._node.count_publishers, resolved)):
             raise RefusedError.of(SetPoints.NO_LISTENER)
 
     def _send(self, goal: Reference, start: Reference | None, mark: str) -> Fact:

@@ -63,19 +63,13 @@ class DiagnosticsPublisher:
 
     def publish(self, lines: Iterable[Report], time_ns: int | None = None) -> None:
         """Publish entries with the present time, or with ``time_ns``."""
-        status = [
-            DiagnosticStatus(
-                level=line.level,
-                name=f"{self._name}: {line.part}",
-                message=line.words,
-                hardware_id=self._hardware_id,
-                values=[
-                    KeyValue(key=key, value=str(value))
-                    for key, value in (line.all_values | self._values).items()
-                ],
-            )
-            for line in lines
-        ]
+        status = []
+        for line in lines:
+            values = (line.all_values | self._values).items()
+            entry = DiagnosticStatus(level=line.level, message=line.words)
+            entry.name, entry.hardware_id = f"{self._name}: {line.part}", self._hardware_id
+            entry.values = [KeyValue(key=key, value=str(value)) for key, value in values]
+            status.append(entry)
         stamp_ns = self._node.get_clock().now().nanoseconds if time_ns is None else time_ns
         self._publisher.publish(DiagnosticArray(header=header(stamp_ns), status=status))
 

@@ -103,52 +103,28 @@ _DEPTH_CHANNELS = (
 )
 
 
+_DEPTH_TYPE, _TORQUE_TYPE = "fsw_msgs/msg/ShoulderDepth", "fsw_msgs/msg/SpindleTorque"
+_TEMPERATURE_TYPE = "sensor_msgs/msg/Temperature"
+
+
 def _depth_channel(channel: str, title: str, noise_mm: float) -> Sensor:
-    return Sensor(
-        *(f"depth_{channel}", title, DEPTH, f"fsw/depth/{channel}", "fsw_msgs/msg/ShoulderDepth"),
-        minimum=0.0,
-        maximum=6.0,
-        max_rate=10.0,
-        max_jump=None,
-        noise=noise_mm,
-        resolution=0.001,
-        required=False,
-    )
+    what = f"depth_{channel}", title, DEPTH, f"fsw/depth/{channel}", _DEPTH_TYPE
+    return Sensor(*what, 0.0, 6.0, 10.0, None, noise_mm, 0.001, required=False)
 
 
+# minimum, maximum, largest rate and jump, noise and resolution
 _ROWS = (
     Sensor(
-        *("depth", "depth sensor", DEPTH, "fsw/depth", "fsw_msgs/msg/ShoulderDepth"),
-        minimum=0.0,
-        maximum=6.0,
-        max_rate=10.0,
-        max_jump=0.5,
-        noise=0.002,
-        resolution=0.0001,
+        *("depth", "depth sensor", DEPTH, "fsw/depth", _DEPTH_TYPE),
+        *(0.0, 6.0, 10.0, 0.5, 0.002, 0.0001),
     ),
     Sensor(
-        *("torque", "torque sensor", TORQUE, "fsw/spindle_torque", "fsw_msgs/msg/SpindleTorque"),
-        minimum=100.0,
-        maximum=3000.0,
-        max_rate=3000.0,
-        max_jump=200.0,
-        noise=2.0,
-        resolution=0.1,
+        *("torque", "torque sensor", TORQUE, "fsw/spindle_torque", _TORQUE_TYPE),
+        *(100.0, 3000.0, 3000.0, 200.0, 2.0, 0.1),
     ),
     Sensor(
-        *(
-            "thermocouple",
-            "thermocouple",
-            TEMPERATURE,
-            "fsw/thermocouple",
-            "sensor_msgs/msg/Temperature",
-        ),
-        minimum=300.0,
-        maximum=1080.0,
-        max_rate=400.0,
-        max_jump=40.0,
-        noise=0.1,
-        resolution=0.01,
+        *("thermocouple", "thermocouple", TEMPERATURE, "fsw/thermocouple", _TEMPERATURE_TYPE),
+        *(300.0, 1080.0, 400.0, 40.0, 0.1, 0.01),
         key="temperature",
     ),
     *(_depth_channel(*channel) for channel in _DEPTH_CHANNELS),

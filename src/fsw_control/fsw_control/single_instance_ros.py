@@ -58,20 +58,18 @@ class SingleInstanceGuard:
         own = node.executor is not None
         listener = _listener(node) if own else node
         executor = SingleThreadedExecutor(context=node.context) if own else None
+        create, topic = listener.create_subscription, node.resolve_topic_name("/diagnostics")
         subscriptions = [
-            listener.create_subscription(
-                DiagnosticArray, node.resolve_topic_name("/diagnostics"), self._on_diagnostics, 10
-            ),
-            listener.create_subscription(ShoulderDepth, self._topic, self._on_depth, 10),
+            create(DiagnosticArray, topic, self._on_diagnostics, 10),
+            create(ShoulderDepth, self._topic, self._on_depth, 10),
         ]
         try:
             begin = announce_s = time.monotonic()
             wait_s = discovery_s
             while not self._heard and time.monotonic() < begin + wait_s:
                 rclpy.spin_once(listener, executor=executor, timeout_sec=0.05)
-                if (
-                    time.monotonic() >= announce_s
-                ):  # its own message ends the spin, so not at every turn
+                # its own message ends the spin, so not at every turn
+                if time.monotonic() >= announce_s:
                     announce_s += _ANNOUNCE_S
                     announce()
                 wait_s = max(discovery_s, LIVENESS_S) if self._others() else discovery_s
@@ -81,15 +79,12 @@ class SingleInstanceGuard:
             if own:
                 listener.destroy_node()
         if self._heard:
-            raise AnotherPlantError(
-                f"{self._heard} on {self._topic} of domain {node.context.get_domain_id()}: "
-                "end it first, or set another ROS_DOMAIN_ID or namespace"
-            )
+            where = f"{self._topic} of domain {node.context.get_domain_id()}"
+            remedy = "end it first, or set another ROS_DOMAIN_ID or namespace"
+            raise AnotherPlantError(f"{self._heard} on {where}: {remedy}")
         if self._others():
-            node.get_logger().warning(
-                f"{self._topic} has a publisher that sends nothing, "
-                "probably left behind by a killed process; ignored"
-            )
+            text = "a publisher that sends nothing, probably of a killed process; ignored"
+            node.get_logger().warning(f"{self._topic} has {text}")
 
     def _others(self) -> bool:
         return self._node.count_publishers(self._topic) > 1
@@ -101,11 +96,8 @@ class SingleInstanceGuard:
         for status in message.status:
             values = {pair.key: pair.value for pair in status.values}
             other = values.get(INSTANCE, "")
-            if (
-                other == self.instance
-                or not other.startswith(PREFIX)
-                or not other.endswith(f"@{self._topic}")
-            ):
+            is_here = other.startswith(PREFIX) and other.endswith(f"@{self._topic}")
+            if other == self.instance or not is_here:
                 continue
             # Of two that start together, the one with the lower number stays.
             if not values.items() >= STARTING.items() or other < self.instance:

@@ -7,8 +7,8 @@ commutative, associative and idempotent, so loss, delay, repetition and order do
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 
+from fsw_control.coded import Coded
 from fsw_control.units import NANOSECONDS
 
 #: largest epoch that a message can carry; it cannot be acknowledged, so that a stop always wins
@@ -17,18 +17,19 @@ LAST_EPOCH = 2**32 - 1
 _LAST_TIME = 3_000_000_000
 
 
-class StopCause(IntEnum):
-    """Cause of a safe stop, with the numbers of ``fsw_msgs/Stop``."""
+class StopCause(Coded):
+    """Cause of a safe stop, numbered as in ``Stop.msg``; one of a later version is none."""
 
     NONE = 0
-    OPERATOR = 1
-    INTERLOCK = 2
-    HOLD_TIMEOUT = 3
-    START_TIMEOUT = 4
-    BLIND = 5
-    WATCHDOG = 6
-    RESTART = 7
-    CLOCK = 8
+    UNKNOWN = 0
+    OPERATOR = 1, "requested"
+    INTERLOCK = 2, "an interlock has tripped"
+    HOLD_TIMEOUT = 3, "force and speed were held for too long"
+    START_TIMEOUT = 4, "no controller was ready in time"
+    BLIND = 5, "a sensor was invalid for too long"
+    WATCHDOG = 6, "no commands reached the machine"
+    RESTART = 7, "it began before a restart"
+    CLOCK = 8, "stamps did not advance"
 
 
 @dataclass(frozen=True, slots=True, order=True)

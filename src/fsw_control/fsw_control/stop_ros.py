@@ -6,23 +6,16 @@ from collections.abc import Callable
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from fsw_control import messages_ros as convert
 from fsw_control.stop import Stop, StopRegister
+from fsw_control.topics_ros import LATEST, latched
 from fsw_msgs.msg import StopReport
 
 STOP_TOPIC = "fsw/stop"
 #: each holder latches one report; late joiners get the reports of all
 _HOLDERS = 50
-_PUBLISHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
-_HEARD = QoSProfile(
-    depth=_HOLDERS,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+_HEARD = latched(_HOLDERS)
 _REPEAT_S = 1.0
 
 
@@ -37,7 +30,7 @@ class StopHolder:
     ) -> None:
         self._node, self._register, self._on_stop = node, register, on_stop
         self._published: Stop | None = None
-        self._publisher = node.create_publisher(StopReport, STOP_TOPIC, _PUBLISHED)
+        self._publisher = node.create_publisher(StopReport, STOP_TOPIC, LATEST)
         node.create_subscription(StopReport, STOP_TOPIC, self._on_report, _HEARD)
         node.create_timer(_REPEAT_S, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -50,16 +43,13 @@ class StopHolder:
         value = self._published = self._register.value
         if value == Stop():  # there has been no stop yet
             return
-        message = StopReport(
-            holder=self._node.get_fully_qualified_name(), stop=convert.stop_message(value)
-        )
+        holder = self._node.get_fully_qualified_name()
+        message = StopReport(holder=holder, stop=convert.stop_message(value))
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
 
     def _on_report(self, message: StopReport) -> None:
-        if (
-            message.holder != self._node.get_fully_qualified_name()
-            or message.stop.epoch > self._register.value.epoch
-        ):
+        is_own = message.holder == self._node.get_fully_qualified_name()
+        if not is_own or message.stop.epoch > self._register.value.epoch:
             self._on_stop(convert.stop(message.stop))
             self.look()

@@ -24,18 +24,20 @@ STREAM = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 #: several hundred ticks/s, waits for the recorder only now and then; it may be stalled for 0.2 s
 #: on a busy machine and must not miss any.
 SENT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def latched(depth: int) -> QoSProfile:
+    """Profile of a topic whose last messages are kept for late joiners."""
+    kept, reliable = DurabilityPolicy.TRANSIENT_LOCAL, ReliabilityPolicy.RELIABLE
+    return QoSProfile(depth=depth, reliability=reliable, durability=kept)
+
+
 #: the last message is kept for late joiners
-LATEST = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
+LATEST = latched(1)
 #: publishers of values that are replaced often and recorded completely
-REPLACED = QoSProfile(
-    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
+REPLACED = latched(100)
 #: set-points; as deep as the number that a scenario sends ahead
-LATCHED = QoSProfile(
-    depth=1000, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
+LATCHED = latched(1000)
 
 #: What parameters ``qos_overrides.<topic>.publisher.*`` may override on topics that are only
 #: displayed: the number of messages kept for a slow display.
@@ -80,20 +82,13 @@ def subscribe_sensors(
 
     def subscribe(sensor: str) -> Subscription:
         def on_sample(message: Any) -> None:
+            stamp_ns = convert.stamp_ns(message.header.stamp)
             if take_deviation is not None and sensor == "depth":
-                take_deviation(
-                    convert.stamp_ns(message.header.stamp),
-                    units.mm_from_m(message.standard_deviation),
-                )
-            take(
-                sensor,
-                convert.stamp_ns(message.header.stamp),
-                convert.sensor_value(sensor, message),
-            )
+                take_deviation(stamp_ns, units.mm_from_m(message.standard_deviation))
+            take(sensor, stamp_ns, convert.sensor_value(sensor, message))
 
-        return node.create_subscription(
-            convert.message_type(sensor), SENSORS[sensor].topic, on_sample, STREAM
-        )
+        kind, topic = convert.message_type(sensor), SENSORS[sensor].topic
+        return node.create_subscription(kind, topic, on_sample, STREAM)
 
     return [subscribe(sensor) for sensor in _ORDER]
 

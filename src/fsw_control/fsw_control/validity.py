@@ -76,14 +76,14 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
     """Limits of all sensors from parameters ``validity.*``, by default of every controller."""
     if values is None:
         values = defaults(ControllerParameters)
+    names = "hold", "frozen_samples", "confirm_samples"
+    hold_s, frozen, confirm = (values[f"validity.{name}"] for name in names)
     return {
         sensor: SensorLimits(
-            minimum=values[f"validity.{sensor}.minimum"],
-            maximum=values[f"validity.{sensor}.maximum"],
-            max_rate=values[f"validity.{sensor}.max_rate"],
-            hold_s=values["validity.hold"],
-            frozen_samples=values["validity.frozen_samples"],
-            confirm_samples=values["validity.confirm_samples"],
+            values[f"validity.{sensor}.minimum"],
+            values[f"validity.{sensor}.maximum"],
+            values[f"validity.{sensor}.max_rate"],
+            *(hold_s, frozen, confirm),
             # only the supervisor has it: other nodes believe a jump, because an operator cannot
             # acknowledge there
             max_jump=values.get(f"validity.{sensor}.max_jump", math.inf),
@@ -167,12 +167,8 @@ class Frozen:
         return 1.0 / self._count
 
     def _is_frozen(self, samples: int, noise: float) -> bool:
-        if (
-            not samples
-            or self._run < samples - 1
-            or self._count < _LEARNT
-            or self._reversed < _NOISY
-        ):
+        is_short = not samples or self._run < samples - 1
+        if is_short or self._count < _LEARNT or self._reversed < _NOISY:
             return False
         # Neighbours of a live signal are equal with probability p, so a run of n has p**n. A run
         # is a freeze once this falls below _CHANCE. p is the learnt share plus three standard
@@ -257,14 +253,13 @@ class SensorValidity:
             return None
         change, elapsed_s = abs(value - self.last_good), time_s - self._good_s
         reach = self._reach if self.jumped else limits.max_jump * max(elapsed_s, 1.0)
-        if self._valid and change <= min(
-            limits.max_rate * max(elapsed_s, _LEAST_ELAPSED_S), reach
-        ):
+        fastest = limits.max_rate * max(elapsed_s, _LEAST_ELAPSED_S)
+        if self._valid and change <= min(fastest, reach):
             return None
         if not self._agrees(time_s, value):
-            return (
-                Flaw.JUMPED if self.jumped else Flaw.TOO_FAST if self._valid else Flaw.RECOVERING
-            )
+            if self.jumped:
+                return Flaw.JUMPED
+            return Flaw.TOO_FAST if self._valid else Flaw.RECOVERING
         if change <= reach:
             return None
         self.jumped, self._reach = True, reach
@@ -273,9 +268,8 @@ class SensorValidity:
     def _agrees(self, time_s: float, value: float) -> bool:
         """Whether enough samples in a row agree with each other, this one included."""
         elapsed_s = max(time_s - self._candidate_s, _LEAST_ELAPSED_S)
-        agrees = (
-            self._agreeing and abs(value - self._candidate) <= self.limits.max_rate * elapsed_s
-        )
+        reach = self.limits.max_rate * elapsed_s
+        agrees = self._agreeing and abs(value - self._candidate) <= reach
         self._agreeing = self._agreeing + 1 if agrees else 1
         self._candidate, self._candidate_s = value, time_s
         return self._agreeing >= self.limits.confirm_samples
@@ -331,26 +325,16 @@ class SensorGuard:
         the drives report.
         """
         self._present.update(values)
-        readings = {
-            name: one.update(time_s, values.get(name))
-            for name, one in self._sensors.items()
-            if name in self._present
-        }
-        self.reasons.update((name, one.reason) for name, one in readings.items())
-        self.held = tuple(name for name, one in readings.items() if one.held)
+        present = [name for name in self._sensors if name in self._present]
+        readings = {name: self._sensors[name].update(time_s, values.get(name)) for name in present}
+        self.reasons.update((name, reading.reason) for name, reading in readings.items())
+        self.held = tuple(name for name in present if readings[name].held)
         depth, torque, temperature = (readings[name] for name in REQUIRED)
+        missing = Reading(math.nan, False)
         return Measurement(
-            time_s,
-            depth.value,
-            torque.value,
-            temperature.value,
-            depth.valid,
-            torque.valid,
-            temperature.valid,
-            held=self.held,
-            force_kn=math.nan if drives is None else drives.force_kn,
-            speed_rpm=math.nan if drives is None else drives.speed_rpm,
-            optional={
-                name: readings[name].value if name in readings else math.nan for name in OPTIONAL
-            },
+            *(time_s, depth.value, torque.value, temperature.value),
+            *(depth.valid, torque.valid, temperature.valid),
+            self.held,
+            *(drives or Command(math.nan, math.nan)),
+            {name: readings.get(name, missing).value for name in OPTIONAL},
         )

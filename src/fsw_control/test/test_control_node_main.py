@@ -136,12 +136,13 @@ def test_bad_arguments_are_reported_in_one_line(arguments, said, monkeypatch, ca
 NODE = """
 import sys
 from rclpy.node import Node
+from fsw_control.light_node_ros import LightNode
 from fsw_control.node_main_ros import run
 
-class Busy(Node):
+class Busy(LightNode, Node):
     def __init__(self):
         super().__init__("busy")
-        self.create_timer(0.001, self.tick)
+        self.timer = self.create_timer(0.001, self.tick)
         self.ticked = False
 
     def tick(self):
@@ -240,7 +241,7 @@ def test_messages_published_after_a_signal_arrive(peer, sent):
 
 
 def test_a_signal_ends_a_node_that_only_waits(domain_id):
-    with spinning("next(iter(self.timers)).cancel()") as process:
+    with spinning("self.timer.cancel()") as process:
         state = Path(f"/proc/{process.pid}/stat")
         wait_until(
             lambda: state.read_text().rpartition(")")[2].split()[0] == "S",

@@ -167,15 +167,6 @@ def test_step_down_refuses_pending_requests(graph, monkeypatch):
     assert not refused.ok and refused.code == "on_standby"
 
 
-@pytest.mark.requirement("S28")
-def test_set_points_of_another_supervisor_do_not_confirm_a_request(graph):
-    """Both count their requests from 1: the mark of one must not be that of the other."""
-    graph.start_controller()
-    other = KeptReference(graph.nodes[2], graph.certain)
-    marks = [next(kept._marks) for kept in (graph.kept, other)]
-    assert marks[0] != marks[1]
-
-
 @pytest.mark.requirement("S21")
 def test_only_the_leader_orders_by_receipt(graph):
     other = KeptReference(graph.nodes[2], graph.certain)

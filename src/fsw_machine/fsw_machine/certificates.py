@@ -31,24 +31,18 @@ def read_certificate(field: str, path: Path, at: datetime) -> x509.Certificate:
     """
     data = _read(field, path)
     try:
-        load = (
-            x509.load_pem_x509_certificate
-            if data.startswith(b"-----")
-            else x509.load_der_x509_certificate
-        )
+        is_pem = data.startswith(b"-----")
+        load = x509.load_pem_x509_certificate if is_pem else x509.load_der_x509_certificate
         certificate = load(data)
     except ValueError:
         raise SecurityError(f"{field}: {path} holds no certificate in DER or PEM") from None
     if at > certificate.not_valid_after_utc:
-        raise SecurityError(
-            f"{field}: {path} expired on {certificate.not_valid_after_utc:%Y-%m-%d}; "
-            "make a new one"
-        )
+        text = f"{path} expired on {certificate.not_valid_after_utc:%Y-%m-%d}"
+        raise SecurityError(f"{field}: {text}; make a new one")
     if at < certificate.not_valid_before_utc:
         since = f"{certificate.not_valid_before_utc:%Y-%m-%d %H:%M} UTC"
-        raise SecurityError(
-            f"{field}: {path} is not valid before {since}; check the clock of this computer"
-        )
+        text = f"{path} is not valid before {since}; check the clock of this computer"
+        raise SecurityError(f"{field}: {text}")
     return certificate
 
 
@@ -74,12 +68,8 @@ def check(security: Security, at: datetime) -> tuple[str, x509.Certificate]:
     if not uri:
         text = "names no application URI (subjectAltName), which OPC UA needs; make a new one"
         raise SecurityError(f"security.certificate: {security.certificate} {text}")
-    check_key(
-        "security.private_key",
-        security.private_key,
-        own,
-        f"security.certificate {security.certificate}",
-    )
+    named = f"security.certificate {security.certificate}"
+    check_key("security.private_key", security.private_key, own, named)
     return uri, read_certificate("security.server_certificate", security.server_certificate, at)
 
 
@@ -93,16 +83,11 @@ def check_key(field: str, path: Path, certificate: x509.Certificate, named: str)
     """
     data = secret(field, path)
     try:
-        load = (
-            serialization.load_pem_private_key
-            if b"-----" in data
-            else serialization.load_der_private_key
-        )
-        key = load(data, password=None)
+        pem, der_key = serialization.load_pem_private_key, serialization.load_der_private_key
+        key = (pem if b"-----" in data else der_key)(data, password=None)
     except (ValueError, TypeError):
-        raise SecurityError(
-            f"{field}: {path} holds no private key without a password in DER or PEM"
-        ) from None
+        text = f"{path} holds no private key without a password in DER or PEM"
+        raise SecurityError(f"{field}: {text}") from None
     if key.public_key() != certificate.public_key():
         raise SecurityError(f"{field}: {path} does not belong to {named}")
 

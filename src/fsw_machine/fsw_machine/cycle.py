@@ -23,9 +23,8 @@ class CycleTracker:
     """
 
     def __init__(self, period_s: float) -> None:
-        self.skipped = self.restarts = (
-            0  #: cycles that were never seen, and times that the counter went back
-        )
+        #: cycles that were never seen, and times that the counter went back
+        self.skipped = self.restarts = 0
         #: number of values of the counter's type, after which it wraps around. A step by half of
         #: them or more counts as going back
         self.values = 1 << 64

@@ -54,14 +54,8 @@ class Rejection(Worded):
     DISCONNECTED = "disconnected", "there is no connection to the machine"
     NOT_PERMISSIVE = "not_permissive", "the machine does not permit it: {fault}"
     STALE_READ = "stale_read", "the machine was last read {age_s:.2f} s ago"
-    PAUSED = (
-        "paused",
-        "control restarts from the drives' values after a pause in the measurements",
-    )
-    UNKNOWN_STAMP = (
-        "unknown_stamp",
-        "it answers {stamp_s:.3f} s, at which nothing was measured",
-    )
+    PAUSED = "paused", "control restarts from the drives' values after a pause in the measurements"
+    UNKNOWN_STAMP = ("unknown_stamp", "it answers {stamp_s:.3f} s, at which nothing was measured")
     UNANSWERED = "unanswered", "the server has not answered the write of {since_s:.3f} s ago"
     JUMP = "jump", "{jump.words} from the set-points in force at the machine"
     OUTSIDE = (
@@ -138,6 +132,12 @@ class _SensorFusion:
         )
 
 
+def _rules(values: Mapping[str, Any]) -> tuple[Limits, float, list[str]]:
+    """Arguments of the gate."""
+    limits = Limits.from_parameters(values)
+    return limits, values["commands.max_age_s"], values["commands.sources"]
+
+
 class Gateway:
     """Decides on each read and command, in one thread; all times are passed in (steady seconds).
 
@@ -161,16 +161,9 @@ class Gateway:
         self._machine = machine
         self._depth = _SensorFusion(machine, footprint)
         #: counts all rejections
-        self.gate = CommandGate(
-            Limits.from_parameters(values),
-            values["commands.max_age_s"],
-            values["commands.sources"],
-            tuple(Rejection),
-        )
+        self.gate = CommandGate(*_rules(values), tuple(Rejection))
         self.fence = Fence()  #: the leader, and any safe stop in force
-        self.stamps = Stamps(
-            round(weld.TICK_S * NANOSECONDS), values["clock.stamps"] == "received"
-        )
+        self.stamps = Stamps(weld.TICK_NS, values["clock.stamps"] == "received")
         self.connected = self.permissive = self.joined = False
         self.samples: dict[str, Sample] = {}  #: of the last read
         self.read: CycleRead | None = None  #: the last read
@@ -184,9 +177,8 @@ class Gateway:
         self._published_s = -inf
         self._under_way: Order | None = None
         self._waiting: tuple[Command, int, int, str, Signature] | None = None
-        self._sent: list[
-            Command
-        ] = []  # what may have reached the machine and was not seen to be in force yet
+        # what may have reached the machine and was not seen to be in force yet
+        self._sent: list[Command] = []
         self._seen: Command | None = None  # in force at the last read so long after a command
         self._sent_cycle = 0
         self._writes: list[_Write] = []
@@ -200,11 +192,7 @@ class Gateway:
         ValueError
             If a minimum is not below its maximum.
         """
-        self.gate.configure(
-            Limits.from_parameters(values),
-            values["commands.max_age_s"],
-            values["commands.sources"],
-        )
+        self.gate.configure(*_rules(values))
 
     # ---------------------------------------------------------------- the server
 
@@ -231,9 +219,8 @@ class Gateway:
         """Process the read of a new cycle; returns the tick to publish, None during a pause."""
         nodes, cycle_ns, now_s = self._machine.nodes, read.source_ns, read.read_s
         elapsed_s = 0.0 if self.read is None else now_s - self.read.read_s
-        stamp_ns = self.stamps.next(
-            cycle_ns, read.steps, read.read_ns, round(elapsed_s * NANOSECONDS)
-        )
+        elapsed_ns = round(elapsed_s * NANOSECONDS)
+        stamp_ns = self.stamps.next(cycle_ns, read.steps, read.read_ns, elapsed_ns)
         self.read = read
         self._cycle += max(read.steps, 1)
         numbers = (name for name in nodes.read if name not in _NO_NUMBERS)
@@ -244,9 +231,8 @@ class Gateway:
         self._note_safe_reaction(stamp_ns)
         fused = self._depth.update(read, self.samples, stamp_ns)
         begins = False
-        given_up = (
-            self._lost and self.fence.state.unanswered >= LOST_COMMANDS
-        )  # the command in force is unknown to every supervisor
+        # then the command in force is unknown to every supervisor
+        given_up = self._lost and self.fence.state.unanswered >= LOST_COMMANDS
         if not self.permissive or given_up:
             self._part()
         elif not self.joined:
@@ -263,13 +249,11 @@ class Gateway:
         value = {name: entry.value for name, entry in self.samples.items()}
         obeys = self.joined and not self._lost and self._under_way is None
         kind = "in_force" if begins else "acting"
-        drives = (
-            Command(value[f"force_{kind}"], value[f"speed_{kind}"]) if obeys else Command(nan, nan)
-        )
+        ends = (value[f"force_{kind}"], value[f"speed_{kind}"]) if obeys else (nan, nan)
         values = {name: value[row.stem] for name, row in SENSORS.items() if row.stem in value}
         if fused is not None:
             values["depth"] = fused.depth_mm
-        return Publication(stamp_ns, values, drives, fused)
+        return Publication(stamp_ns, values, Command(*ends), fused)
 
     def _note_safe_reaction(self, stamp_ns: int) -> None:
         """Begin a safe stop if the machine has moved by itself: its watchdog, or a hand.
@@ -311,10 +295,8 @@ class Gateway:
             self.gate.refuse(Fact.of(Rejection.UNKNOWN_STAMP, stamp_s=stamp_ns / NANOSECONDS))
             return None
         if self._under_way is not None:
-            overtaken, self._waiting = (
-                self._waiting,
-                (command, stamp_ns, counter, source, signature),
-            )
+            overtaken = self._waiting
+            self._waiting = command, stamp_ns, counter, source, signature
             if overtaken is not None:
                 self.gate.refuse(self._unanswered(now_s))
                 self._lose()
@@ -387,16 +369,13 @@ class Gateway:
 
     def _is_same(self, a: Command, b: Command, moves: float = _SAME) -> bool:
         limits = self.gate.limits
-        return (
-            abs(a.force_kn - b.force_kn) <= moves * limits.force_step_kn
-            and abs(a.speed_rpm - b.speed_rpm) <= moves * limits.speed_step_rpm
-        )
+        near = abs(a.force_kn - b.force_kn) <= moves * limits.force_step_kn
+        return near and abs(a.speed_rpm - b.speed_rpm) <= moves * limits.speed_step_rpm
 
     def _may_catch_up(self, command: Command, has: list[Command]) -> bool:
         """Whether a command may be cut to one move, because single ones before it were lost."""
-        if not any(
-            write.acknowledged and self._cycle - write.cycle <= _CATCH_UP for write in self._writes
-        ):
+        cycles = [self._cycle - write.cycle for write in self._writes if write.acknowledged]
+        if min(cycles, default=_CATCH_UP + 1) > _CATCH_UP:
             return False
         limits = self.gate.limits
         force_kn, speed_rpm = _CATCH_UP * limits.force_step_kn, _CATCH_UP * limits.speed_step_rpm

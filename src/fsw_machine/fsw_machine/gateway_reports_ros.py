@@ -26,10 +26,7 @@ class Note(Worded):
         "not_permissive",
         "permits no commands: nothing is written, drives are not reported",
     )
-    PAUSED = (
-        "paused",
-        "measurements are paused, so that control restarts from the drives' values",
-    )
+    PAUSED = "paused", "measurements are paused, so that control restarts from the drives' values"
     OBEYS = "obeys", "runs and obeys"
     CLOCK_UNKNOWN = "clock_unknown", "not known yet"
     CLOCK = "clock", "server's clock is {skew_s:+.3f} s against the local one"

@@ -37,24 +37,17 @@ def words(error: BaseException, machine: MachineFile) -> str:
     if isinstance(error, LinkError | SecurityError):
         return str(error)
     if isinstance(error, ua.UaStatusCodeError):
-        name = (
-            type(error).__name__
-            if type(error) is not ua.UaStatusCodeError
-            else f"status {error.code:#010x}"
-        )
+        is_known = type(error) is not ua.UaStatusCodeError
+        name = type(error).__name__ if is_known else f"status {error.code:#010x}"
         if name in _USER:
             if machine.user is None:
                 return f"user: {url} requires a user ({name}); give user.name and its password"
             source = machine.user.password_file or f"the variable {machine.user.password_env}"
-            return (
-                f"user: {url} rejects {machine.user.name!r} with the password in {source} ({name})"
-            )
+            user = repr(machine.user.name)
+            return f"user: {url} rejects {user} with the password in {source} ({name})"
         if name in _OWN_CERTIFICATE and machine.security is not None:
-            text = "does not accept our security.certificate"
-            return (
-                f"{url} {text} {machine.security.certificate} ({name}); "
-                "put it into the server's trust list"
-            )
+            text = f"{url} does not accept our security.certificate {machine.security.certificate}"
+            return f"{text} ({name}); put it into the server's trust list"
         if name in ("BadSecurityPolicyRejected", "BadSecurityModeInsufficient"):
             return f"security: {url} rejects it ({name}); check the server's configuration"
         return f"{url}: {name}"

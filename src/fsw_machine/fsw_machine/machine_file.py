@@ -55,17 +55,15 @@ def _endpoint(value: str) -> str:
     except ValueError:
         sound = False
     if not sound:
-        raise ValueError(
-            "is not an endpoint; write opc.tcp://host:port/path, without user and password"
-        )
+        text = "write opc.tcp://host:port/path, without user and password"
+        raise ValueError(f"is not an endpoint; {text}")
     return value
 
 
 def _node_id(value: str) -> str:
     if not _NODE_ID.fullmatch(value):
-        raise ValueError(
-            f"is {value!r}, not a node id; write e.g. ns=2;s=Weld.Depth or ns=2;i=1001"
-        )
+        text = f"is {value!r}, not a node id"
+        raise ValueError(f"{text}; write e.g. ns=2;s=Weld.Depth or ns=2;i=1001")
     return value
 
 
@@ -261,9 +259,8 @@ class MachineFile(Model):
     @model_validator(mode="after")
     def _check_user(self) -> MachineFile:
         if self.user is not None and self.security is None:
-            raise problem(
-                "would send its password unencrypted; give security, or remove user", "user"
-            )
+            text = "would send its password unencrypted; give security, or remove user"
+            raise problem(text, "user")
         return self
 
     @classmethod
@@ -281,13 +278,9 @@ class MachineFile(Model):
     def parse(cls, text: str, where: str = "machine.yaml", folder: Path = Path()) -> MachineFile:
         """Read the text of a machine file; errors as in :meth:`load`."""
         machine = validate(cls, content_of(text, where), where)
-        return machine.model_copy(
-            update={
-                "security": _beside(folder, machine.security),
-                "user": _beside(folder, machine.user),
-                "depth_fusion": _beside(folder, machine.depth_fusion),
-            }
-        )
+        parts = {name: getattr(machine, name) for name in ("security", "user", "depth_fusion")}
+        placed = {name: _beside(folder, part) for name, part in parts.items()}
+        return machine.model_copy(update=placed)
 
 
 def _beside(folder: Path, part: Model | None) -> Model | None:

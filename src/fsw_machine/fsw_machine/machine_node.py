@@ -6,6 +6,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Mapping
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,6 @@ from rclpy.clock_type import ClockType
 from fsw_control import messages_ros as convert
 from fsw_control.coded import Fact
 from fsw_control.command_writers_ros import CommandWriters
-from fsw_control.contract import Limits
 from fsw_control.depth_footprint import Footprint
 from fsw_control.managed_node_ros import ManagedNode
 from fsw_control.node_main_ros import main_of
@@ -42,7 +42,6 @@ try:
     from fsw_machine.opcua_link import (
         Connected,
         Event,
-        LinkSettings,
         Lost,
         MachineLink,
         Stalled,
@@ -76,11 +75,8 @@ class MachineNode(ManagedNode):
     def configure(self) -> None:
         """Read the machine file, check its requirements, and announce the topics."""
         file_name = self._settings["machine_file"]
-        path = (
-            Path(file_name).expanduser()
-            if file_name
-            else Path(str(resources.files("fsw_machine") / "machine.yaml"))
-        )
+        shipped = Path(str(resources.files("fsw_machine") / "machine.yaml"))
+        path = Path(file_name).expanduser() if file_name else shipped
         self._machine = MachineFile.load(path)
         self._check_secrets()
         part = self._machine.depth_fusion
@@ -102,17 +98,15 @@ class MachineNode(ManagedNode):
         """Ensure that the gateway is alone, and connect."""
         self._stop = StopHolder(self, self._gateway.fence.register, self._gateway.fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        self._writers = CommandWriters(
-            self, lambda: self._gateway.gate, lambda: self._settings["commands.sources"]
-        )
+        sources = partial(self._settings.__getitem__, "commands.sources")
+        self._writers = CommandWriters(self, lambda: self._gateway.gate, sources)
         self._guard.check(self._settings["discovery_s"], self._announce)
         self._wake = self.create_guard_condition(self._on_events)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_CHECK_S, self._writers.look, clock=steady)
         self.create_timer(_REPORT_S, self._report, clock=steady)
-        self._link = MachineLink(
-            self._machine, _link_settings(self._settings.values), self._deliver
-        )
+        settings = GatewayParameters.from_values(self._settings.values)
+        self._link = MachineLink(self._machine, settings, self._deliver)
         self._link.start()
 
     def deactivate(self) -> None:
@@ -121,9 +115,8 @@ class MachineNode(ManagedNode):
         self._events.clear()
         self._gateway.on_lost()
         self._logged.clear()  # so that the next session logs it again
-        self.get_logger().info(
-            "deactivated: the session is closed, and the machine's own watchdog makes it safe"
-        )
+        text = "the session is closed, and the machine's own watchdog makes it safe"
+        self.get_logger().info(f"deactivated: {text}")
 
     def _end_session(self) -> None:
         link, self._link = self._link, None
@@ -170,9 +163,8 @@ class MachineNode(ManagedNode):
                 self._link.write(waiting)
             self._longest_write_s = max(self._longest_write_s, event.took_s)
             if event.failure:
-                self.get_logger().error(
-                    f"command not taken: {event.failure}", throttle_duration_sec=1.0
-                )
+                text = f"command not taken: {event.failure}"
+                self.get_logger().error(text, throttle_duration_sec=1.0)
         elif isinstance(event, Connected):
             self._attempts, self._stalled_s = 0, 0.0
             gateway.on_connected()
@@ -189,9 +181,8 @@ class MachineNode(ManagedNode):
 
     def _publish(self, out: Publication) -> None:
         """Publish the drives first, because the sensors' last sample completes the tick."""
-        self._drives.publish(
-            convert.drives_message(out.drives, out.stamp_ns, self._gateway.fence.state)
-        )
+        state = self._gateway.fence.state
+        self._drives.publish(convert.drives_message(out.drives, out.stamp_ns, state))
         for name, publisher in self._sensors.items():
             if name not in out.values:
                 continue
@@ -205,9 +196,8 @@ class MachineNode(ManagedNode):
         refused = gateway.gate.total()
         now_s = time.monotonic()
         command, signature = convert.command(message), convert.signature(message)
-        order = gateway.on_command(
-            command, stamp_ns, message.source, message.healthy, now_s, signature
-        )
+        sender = message.source, message.healthy
+        order = gateway.on_command(command, stamp_ns, *sender, now_s, signature)
         self._stop.look()
         if order is not None and self._link is not None:
             self._refused = ""
@@ -222,12 +212,11 @@ class MachineNode(ManagedNode):
     # ---------------------------------------------------------------- reports
 
     def _why_not(self, values: dict[str, Any]) -> str | None:
-        """Why parameters contradict each other or the connected machine; None if they do not."""
+        """Why parameters contradict the connected machine; None if they do not."""
         try:
-            limits = Limits.from_parameters(values)
             if self._link is not None:
-                self._link.check(limits)
-        except (ValueError, LinkError) as error:
+                self._link.check(GatewayParameters.from_values(values).limits)
+        except LinkError as error:
             return str(error)
         return None
 
@@ -236,7 +225,7 @@ class MachineNode(ManagedNode):
             self._gateway.configure(values)
         if self._link is not None:
             self._writers.set_sources()
-            self._link.settings = _link_settings(values)
+            self._link.settings = GatewayParameters.from_values(values)
 
     def _announce(self) -> None:
         self._diagnostics.publish([Report("connection", OK, SEARCHING, STARTING)])
@@ -249,15 +238,10 @@ class MachineNode(ManagedNode):
         refused, failed = (new - old for new, old in zip(totals, self._reported, strict=True))
         self._reported = totals
         longest_s, self._longest_write_s = self._longest_write_s, 0.0
+        attempts, retry_s = self._attempts, self._retry_s
+        endpoint, connected = self._machine.endpoint, gateway.connected
         lines = [
-            reports.connection(
-                self._machine.endpoint,
-                gateway.connected,
-                self._lost,
-                self._losses,
-                self._attempts,
-                self._retry_s,
-            ),
+            reports.connection(endpoint, connected, self._lost, self._losses, attempts, retry_s),
             reports.machine(gateway, self._stalled_s, link.tracker.skipped, link.tracker.restarts),
             reports.clock(gateway, self._settings.values),
             commands_report(
@@ -284,17 +268,6 @@ def _names(data: Any) -> Any:
     if isinstance(data, list | tuple):
         return tuple(map(_names, data))
     return None if isinstance(data, int | float) else str(data)
-
-
-def _link_settings(values: dict[str, Any]) -> LinkSettings:
-    return LinkSettings(
-        values["request_timeout_s"],
-        values["cycle_timeout_s"],
-        values["reconnect.first_s"],
-        values["reconnect.max_s"],
-        Limits.from_parameters(values),
-        values["clock.stamps"] == "received",
-    )
 
 
 main = main_of(MachineNode, "fsw_machine", __doc__, GatewayParameters)

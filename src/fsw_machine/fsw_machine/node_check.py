@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 
 from asyncua import Client, ua
 
-from fsw_control.contract import Limits
+from fsw_control.common_parameters import DriveLimits
 from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import sensor_limits
@@ -59,7 +59,7 @@ def check_clock(source_ns: int) -> None:
 
 
 async def check_nodes(
-    client: Client, machine: MachineFile, nodes: dict[str, ua.NodeId], limits: Limits
+    client: Client, machine: MachineFile, nodes: dict[str, ua.NodeId], limits: DriveLimits
 ) -> dict[str, ua.VariantType]:
     """Check that all nodes exist, have a suitable type and are writable; return their types.
 
@@ -78,8 +78,7 @@ async def check_nodes(
     values = dict(zip(names, answers, strict=False))
     access = dict(zip(WRITTEN, answers[len(names) :], strict=False))
     types = dict(zip(names, answers[len(names) + len(WRITTEN) :], strict=True))
-    problems = [_type(name, machine, values[name], types[name]) for name in names]
-    kinds = dict(zip(names, problems, strict=True))
+    kinds = {name: _type(name, machine, values[name], types[name]) for name in names}
     for name, kind in kinds.items():
         node = machine.nodes[name].node
         if name == "permissive":
@@ -92,26 +91,19 @@ async def check_nodes(
             raise LinkError(f"nodes.{name}: {node} is of type {kind.name}, must be {wanted_kind}")
     check_whole_numbers(machine, kinds, limits)
     if kinds["heartbeat"] is not kinds["cycle"]:
-        node, own, other = (
-            machine.nodes["heartbeat"].node,
-            kinds["heartbeat"].name,
-            kinds["cycle"].name,
-        )
-        raise LinkError(
-            f"nodes.heartbeat: {node} is of type {own}, "
-            f"must be of the type of nodes.cycle, {other}"
-        )
+        node, own = machine.nodes["heartbeat"].node, kinds["heartbeat"].name
+        text = f"{node} is of type {own}, must be of the type of nodes.cycle, "
+        raise LinkError(f"nodes.heartbeat: {text}{kinds['cycle'].name}")
     for name, answer in access.items():
         level = None if answer.Value is None else answer.Value.Value
         if isinstance(level, int) and not level >> ua.AccessLevel.CurrentWrite & 1:
-            raise LinkError(
-                f"nodes.{name}: {machine.nodes[name].node} cannot be written by this user"
-            )
+            node = machine.nodes[name].node
+            raise LinkError(f"nodes.{name}: {node} cannot be written by this user")
     return kinds
 
 
 def check_whole_numbers(
-    machine: MachineFile, kinds: dict[str, ua.VariantType], limits: Limits
+    machine: MachineFile, kinds: dict[str, ua.VariantType], limits: DriveLimits
 ) -> None:
     """Raise a `LinkError` if the range or resolution of an integer node is insufficient.
 
@@ -123,10 +115,8 @@ def check_whole_numbers(
         need = needs.get(name) or needs.get(name.partition("_")[0])
         if need is not None and kind in WHOLE and (why := _unfit(machine.nodes[name], kind, need)):
             node = machine.nodes[name].node
-            raise LinkError(
-                f"nodes.{name}: {node} is of type {kind.name}, {why}; "
-                "give it another type or scale"
-            )
+            text = f"{node} is of type {kind.name}, {why}; give it another type or scale"
+            raise LinkError(f"nodes.{name}: {text}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,14 +129,12 @@ class _Need:
     unit: str
 
 
-def _needs(limits: Limits) -> dict[str, _Need]:
+def _needs(limits: DriveLimits) -> dict[str, _Need]:
     """Requirements of limits and measurements, by a node's name or its first word."""
-    force = _Need(
-        limits.force_min_kn, limits.force_max_kn, _COARSE_MOVES * limits.force_step_kn, "kN"
-    )
-    speed = _Need(
-        limits.speed_min_rpm, limits.speed_max_rpm, _COARSE_MOVES * limits.speed_step_rpm, "rpm"
-    )
+    force_kn = _COARSE_MOVES * limits.force_step_kn
+    speed_rpm = _COARSE_MOVES * limits.speed_step_rpm
+    force = _Need(limits.force_min_kn, limits.force_max_kn, force_kn, "kN")
+    speed = _Need(limits.speed_min_rpm, limits.speed_max_rpm, speed_rpm, "rpm")
     needs = {"force": force, "speed": speed}
     for sensor, limit in sensor_limits().items():
         row, step = SENSORS[sensor], _COARSE_NOISES * limit.noise or math.inf
@@ -160,16 +148,12 @@ def _unfit(spec: Quantity[str], kind: ua.VariantType, need: _Need) -> str:
     largest = smallest + WHOLE[kind] - 1
     numbers = sorted((spec.number(need.low), spec.number(need.high)))
     if numbers[0] < smallest or numbers[1] > largest:
-        return (
-            f"which ends at {smallest} and {largest}, "
-            f"and the limits need {numbers[0]:g} to {numbers[1]:g}"
-        )
+        need_words = f"{numbers[0]:g} to {numbers[1]:g}"
+        return f"which ends at {smallest} and {largest}, and the limits need {need_words}"
     step = abs(spec.inside(1.0) - spec.inside(0.0))
     if step > need.step:
-        return (
-            f"which has steps of {step:g} {need.unit}, "
-            f"and {need.step:g} {need.unit} at most will do"
-        )
+        most = f"{need.step:g} {need.unit} at most will do"
+        return f"which has steps of {step:g} {need.unit}, and {most}"
     return ""
 
 
@@ -188,16 +172,9 @@ def _type(
         kind = value.Value.VariantType
     else:
         declared = None if data_type.Value is None else data_type.Value.Value
-        known = (
-            isinstance(declared, ua.NodeId)
-            and declared.NamespaceIndex == 0
-            and declared.Identifier in range(1, 26)
-        )
-        kind = (
-            ua.VariantType(declared.Identifier)
-            if known and declared is not None
-            else ua.VariantType.Null
-        )
+        kind, of_standard = ua.VariantType.Null, getattr(declared, "NamespaceIndex", -1) == 0
+        if declared is not None and of_standard and declared.Identifier in range(1, 26):
+            kind = ua.VariantType(declared.Identifier)
     if value.Value is not None and value.Value.is_array:
         raise LinkError(f"nodes.{name}: {node} is an array, must be a single value")
     return kind

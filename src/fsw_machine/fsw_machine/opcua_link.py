@@ -8,16 +8,16 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError as FutureCancelledError
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from asyncua import Client, ua
 from asyncua.crypto import security_policies
 
 from fsw_control import weld
-from fsw_control.contract import Limits
+from fsw_control.common_parameters import DriveLimits
 from fsw_machine import certificates
 from fsw_machine.certificates import SecurityError
 from fsw_machine.cycle import CycleTracker
@@ -32,6 +32,7 @@ from fsw_machine.node_check import (
     epoch_ns,
     raw_value,
 )
+from fsw_machine.parameters import GatewayParameters, Reconnect
 from fsw_machine.samples import CycleRead
 
 #: time limit of requests while connecting, when a server may be busy with keys [s]
@@ -74,33 +75,12 @@ class Written:
 Event = Connected | Lost | Stalled | Written | CycleRead
 
 
-@dataclass(frozen=True, slots=True)
-class LinkSettings:
-    """Values of the node's parameters of these names."""
-
-    request_timeout_s: float
-    cycle_timeout_s: float
-    first_s: float
-    max_s: float
-    limits: Limits = field(default_factory=Limits)
-    received: bool = False  #: stamps are on the local clock, independent of the server's
-
-
-class BackOff:
-    """Waiting times between attempts: exponential back-off up to a maximum, reset by a success."""
-
-    def __init__(self, first_s: float, max_s: float) -> None:
-        self._first_s, self._max_s = first_s, max(first_s, max_s)
-        self._next_s = first_s
-
-    def next(self) -> float:
-        """Waiting time before the next attempt."""
-        wait_s, self._next_s = self._next_s, min(2.0 * self._next_s, self._max_s)
-        return min(wait_s, self._max_s)
-
-    def reset(self) -> None:
-        """Note a successful attempt."""
-        self._next_s = self._first_s
+def back_off(settings: Reconnect) -> Iterator[float]:
+    """Waiting times between attempts: exponential back-off up to a maximum."""
+    wait_s = settings.first_s
+    while True:
+        yield wait_s
+        wait_s = min(2.0 * wait_s, max(settings.first_s, settings.max_s))
 
 
 class MachineLink:
@@ -110,7 +90,7 @@ class MachineLink:
     """
 
     def __init__(
-        self, machine: MachineFile, settings: LinkSettings, deliver: Callable[[Event], None]
+        self, machine: MachineFile, settings: GatewayParameters, deliver: Callable[[Event], None]
     ) -> None:
         self._machine, self.settings, self._deliver = machine, settings, deliver
         self.tracker = CycleTracker(weld.TICK_S)
@@ -137,12 +117,10 @@ class MachineLink:
 
     def write(self, order: Order) -> None:
         """Write an order; a ``Written`` follows, unless the connection is lost."""
-        with contextlib.suppress(
-            RuntimeError, FutureCancelledError
-        ):  # the loop has ended meanwhile
+        with contextlib.suppress(RuntimeError, FutureCancelledError):  # the loop has ended
             self._loop.call_soon_threadsafe(self._begin_write, order)
 
-    def check(self, limits: Limits) -> None:
+    def check(self, limits: DriveLimits) -> None:
         """Raise a `LinkError` if a connected node cannot hold every value within these limits."""
         check_whole_numbers(self._machine, self._kinds, limits)
 
@@ -162,15 +140,15 @@ class MachineLink:
             self._task.cancel()
 
     async def _run(self) -> None:
-        back_off = BackOff(self.settings.first_s, self.settings.max_s)
+        waits_s = back_off(self.settings.reconnect)
         while True:
             try:
                 await self._connect()
-                back_off.reset()
+                waits_s = back_off(self.settings.reconnect)
                 self._deliver(Connected())
                 await self._follow()
             except Exception as error:
-                wait_s = back_off.next()
+                wait_s = next(waits_s)
                 self._deliver(Lost(words(error, self._machine), wait_s))
                 await self._disconnect()
                 await asyncio.sleep(wait_s)
@@ -192,16 +170,17 @@ class MachineLink:
             await client.connect()
         except AssertionError:
             # asyncua fails on servers that refuse the secure channel with a ServiceFault
-            raise LinkError(
-                f"endpoint {machine.endpoint} refuses the secure channel{_hint(machine)}"
-            ) from None
+            text = f"endpoint {machine.endpoint} refuses the secure channel"
+            if (security := machine.security) is not None:
+                text += "; most likely our security.certificate "
+                text += f"{security.certificate} is not in its trust list"
+            raise LinkError(text) from None
         index = 0
         if machine.namespace:
             uris = await client.get_namespace_array()
             if machine.namespace not in uris:
-                raise LinkError(
-                    f"namespace: the server has no {machine.namespace}; it has {', '.join(uris)}"
-                )
+                text = f"{machine.namespace}; it has {', '.join(uris)}"
+                raise LinkError(f"namespace: the server has no {text}")
             index = uris.index(machine.namespace)
         self._nodes = {name: node_id(spec, index) for name, spec in machine.nodes.given.items()}
         self._kinds = await check_nodes(client, machine, self._nodes, self.settings.limits)
@@ -226,45 +205,33 @@ class MachineLink:
     async def _follow(self) -> None:
         """Read once per cycle until that fails."""
         names = self._machine.nodes.read
+        nodes = [ua.ReadValueId(self._nodes[name], ua.AttributeIds.Value) for name in names]
         request = ua.ReadParameters(
-            TimestampsToReturn=ua.TimestampsToReturn.Source,
-            NodesToRead=[
-                ua.ReadValueId(self._nodes[name], ua.AttributeIds.Value) for name in names
-            ],
+            TimestampsToReturn=ua.TimestampsToReturn.Source, NodesToRead=nodes
         )
         changed_s = reported_s = time.monotonic()
-        checked = self.settings.received
+        checked = self.settings.clock.stamps == "received"
         while True:
             assert self._client is not None
-            answers = await asyncio.wait_for(
-                self._client.uaclient.read(request), self.settings.request_timeout_s
-            )
+            timeout_s = self.settings.request_timeout_s
+            answers = await asyncio.wait_for(self._client.uaclient.read(request), timeout_s)
             read_s = time.monotonic()
             counter = answers[0].Value.Value if answers[0].Value is not None else None
-            # without a valid counter nothing is published or written
-            whole = (
-                isinstance(counter, int)
-                and not isinstance(counter, bool)
-                and answers[0].StatusCode.is_good()
-            )
+            # without a valid counter nothing is published or written; a bool is none
+            whole = type(counter) is int and answers[0].StatusCode.is_good()
             steps = self.tracker.see(int(counter or 0), read_s) if whole else None
             if steps is not None:
                 if answers[0].SourceTimestamp is None:
-                    raise LinkError(
-                        "nodes.cycle: without a source timestamp; "
-                        "the server must send one with each value"
-                    )
+                    text = "without a source timestamp; the server must send one with each value"
+                    raise LinkError(f"nodes.cycle: {text}")
                 changed_s = reported_s = read_s
-                values = {
-                    name: raw_value(answer) for name, answer in zip(names, answers, strict=True)
-                }
+                values = dict(zip(names, map(raw_value, answers), strict=True))
                 source_ns = epoch_ns(answers[0].SourceTimestamp)
                 if not checked:  # later clock steps are tolerated, see Stamps
                     check_clock(source_ns)
                     checked = True
-                self._deliver(
-                    CycleRead(int(counter or 0), values, source_ns, read_s, time.time_ns(), steps)
-                )
+                times = source_ns, read_s, time.time_ns()
+                self._deliver(CycleRead(int(counter or 0), values, *times, steps))
             elif read_s - reported_s > self.settings.cycle_timeout_s:
                 reported_s = read_s
                 self._deliver(Stalled(read_s - changed_s))
@@ -285,21 +252,18 @@ class MachineLink:
             return
         try:
             numbers = (order.force, order.speed, order.heartbeat)
-            values = {
-                name: _variant(number, self._kinds[name])
+            values = [
+                ua.DataValue(_variant(number, self._kinds[name]))
                 for name, number in zip(WRITTEN, numbers, strict=True)
-            }
+            ]
             request = ua.WriteParameters(
                 NodesToWrite=[
-                    ua.WriteValue(
-                        self._nodes[name], ua.AttributeIds.Value, Value=ua.DataValue(value)
-                    )
-                    for name, value in values.items()
+                    ua.WriteValue(self._nodes[name], ua.AttributeIds.Value, Value=value)
+                    for name, value in zip(WRITTEN, values, strict=True)
                 ]
             )
-            results = await asyncio.wait_for(
-                client.uaclient.write(request), self.settings.request_timeout_s
-            )
+            timeout_s = self.settings.request_timeout_s
+            results = await asyncio.wait_for(client.uaclient.write(request), timeout_s)
             refused = [
                 f"{name}: {result.name}"
                 for name, result in zip(WRITTEN, results, strict=True)
@@ -325,12 +289,8 @@ async def secure(client: Client, machine: MachineFile, security: Security) -> No
     offered = [end for end in endpoints if end.SecurityPolicyUri == kind.URI]
     offered = [end for end in offered if end.SecurityMode == ua.MessageSecurityMode.SignAndEncrypt]
     if not offered:
-        names = sorted(
-            {
-                str(end.SecurityPolicyUri).rpartition("#")[2] + f"/{end.SecurityMode.name}"
-                for end in endpoints
-            }
-        )
+        kinds = {(str(end.SecurityPolicyUri), end.SecurityMode.name) for end in endpoints}
+        names = [f"{uri.rpartition('#')[2]}/{mode}" for uri, mode in sorted(kinds)]
         raise SecurityError(
             f"security.policy: {machine.endpoint} does not offer "
             f"{security.policy}/SignAndEncrypt; "
@@ -342,12 +302,8 @@ async def secure(client: Client, machine: MachineFile, security: Security) -> No
             f"{security.server_certificate} (SHA-1 {certificates.thumbprint(pinned)}); "
             "if it is known to have a new one, copy that into the file"
         )
-    await client.set_security(
-        kind,
-        str(security.certificate),
-        str(security.private_key),
-        server_certificate=str(security.server_certificate),
-    )
+    own = str(security.certificate), str(security.private_key)
+    await client.set_security(kind, *own, server_certificate=str(security.server_certificate))
 
 
 def password(user: User) -> str:
@@ -355,16 +311,14 @@ def password(user: User) -> str:
     if user.password_file is None:
         text = os.environ.get(user.password_env, "")
         if not text:
-            raise SecurityError(
-                f"user.password_env: the environment variable {user.password_env} is not set"
-            )
+            text = f"the environment variable {user.password_env} is not set"
+            raise SecurityError(f"user.password_env: {text}")
         return text
     try:
         text = certificates.secret("user.password_file", user.password_file).decode().strip()
     except UnicodeDecodeError:
-        raise SecurityError(
-            f"user.password_file: {user.password_file} is not UTF-8 text"
-        ) from None
+        text = f"{user.password_file} is not UTF-8 text"
+        raise SecurityError(f"user.password_file: {text}") from None
     if not text:
         raise SecurityError(f"user.password_file: {user.password_file} is empty")
     return text
@@ -374,15 +328,6 @@ def node_id(spec: NodeSpec, namespace: int) -> ua.NodeId:
     """The node's id, in the given namespace if it names none."""
     text = spec.node if spec.node.startswith("ns=") else f"ns={namespace};{spec.node}"
     return ua.NodeId.from_string(text)
-
-
-def _hint(machine: MachineFile) -> str:
-    if machine.security is None:
-        return ""
-    return (
-        "; most likely our security.certificate "
-        f"{machine.security.certificate} is not in its trust list"
-    )
 
 
 def _variant(number: float, kind: ua.VariantType) -> Any:

@@ -4,8 +4,8 @@ import queue
 import socket
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from itertools import islice
 
 import pytest
 from asyncua.common.utils import Buffer
@@ -19,16 +19,16 @@ from fsw_machine.gateway import Gateway
 from fsw_machine.machine_file import MachineFile, User
 from fsw_machine.node_check import WHOLE
 from fsw_machine.opcua_link import (
-    BackOff,
     Connected,
-    LinkSettings,
     Lost,
     MachineLink,
     Stalled,
     Written,
     _variant,
+    back_off,
     password,
 )
+from fsw_machine.parameters import Clock, GatewayParameters, Reconnect
 from fsw_machine.samples import CycleRead
 from fsw_test_support import machine_server
 from fsw_test_support.certificates import make
@@ -36,7 +36,9 @@ from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_mac
 from fsw_test_support.machine_server import CLIENT_URI, SERVER_URI
 from fsw_test_support.waiting import PATIENCE_S, wait_until
 
-SETTINGS = LinkSettings(request_timeout_s=60.0, cycle_timeout_s=0.3, first_s=0.1, max_s=0.2)
+SETTINGS = GatewayParameters(
+    request_timeout_s=10.0, cycle_timeout_s=0.3, reconnect=Reconnect(first_s=0.1, max_s=0.2)
+)
 
 
 class Linked:
@@ -61,7 +63,7 @@ def connect():
     made = []
 
     def make(file, **changes):
-        made.append(Linked(file, replace(SETTINGS, **changes)))
+        made.append(Linked(file, SETTINGS.changed(**changes)))
         return made[-1]
 
     yield make
@@ -177,9 +179,10 @@ def test_clock_at_1601_is_reported_or_irrelevant(connect, plain, folder, shipped
     wait_until(lambda: running.server.counter > before + 1, "a cycle with this clock")
     try:
         assert "year 1601" in told(connect, folder, port, shipped_text)
-        connect(write_machine_file(folder / "old.yaml", port, shipped_text), received=True).next(
-            CycleRead
-        )
+        connect(
+            write_machine_file(folder / "old.yaml", port, shipped_text),
+            clock=Clock(stamps="received"),
+        ).next(CycleRead)
     finally:
         running.do(lambda server: setattr(server, "clock_offset_ns", 0))
 
@@ -390,11 +393,9 @@ def test_a_password_from_the_environment(tmp_path, shipped_text, monkeypatch):
 
 
 def test_the_waits_between_attempts_are_bounded():
-    back_off = BackOff(0.5, 10.0)
-    assert [back_off.next() for _ in range(7)] == [0.5, 1.0, 2.0, 4.0, 8.0, 10.0, 10.0]
-    back_off.reset()
-    assert back_off.next() == 0.5
-    assert BackOff(5.0, 1.0).next() == 5.0
+    waits_s = back_off(Reconnect(first_s=0.5, max_s=10.0))
+    assert list(islice(waits_s, 7)) == [0.5, 1.0, 2.0, 4.0, 8.0, 10.0, 10.0]
+    assert list(islice(back_off(Reconnect(first_s=5.0, max_s=1.0)), 2)) == [5.0, 5.0]
 
 
 @pytest.mark.slow

@@ -23,16 +23,15 @@ def test_missing_library_error_is_one_line_with_a_remedy():
 def test_limits_that_a_node_of_the_machine_cannot_hold_are_refused(domain_id, shipped_text):
     ua = pytest.importorskip("asyncua.ua")
     from fsw_machine.machine_file import MachineFile
-    from fsw_machine.machine_node import MachineNode, _link_settings
+    from fsw_machine.machine_node import MachineNode
     from fsw_machine.opcua_link import MachineLink
+    from fsw_machine.parameters import GatewayParameters
 
     rclpy.init(args=["test", "--ros-args", "-p", "autostart:=false"], domain_id=domain_id)
     node = MachineNode()
     try:
         text = shipped_text.replace("ForceSetpoint, unit: kN", "ForceSetpoint, unit: N, scale: 2")
-        node._link = MachineLink(
-            MachineFile.parse(text), _link_settings(node._settings.values), print
-        )
+        node._link = MachineLink(MachineFile.parse(text), GatewayParameters(), print)
         node._link._kinds = {
             "force_setpoint": ua.VariantType.UInt16
         }  # as connecting leaves it: up to 131 kN

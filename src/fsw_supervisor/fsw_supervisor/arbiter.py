@@ -60,19 +60,9 @@ class Arbiter:
         self._knew: tuple[bool, bool] = (False, False)
         self._end_restarted = False  #: it has lost that knowledge
         self._start_up = StartUp(self.machine, self.registry, self.operator, self.in_force)
+        parts = self.machine, self.registry, self.safety, self.operator, self.watch, self.in_force
         #: the present tick, and counts of the previous ones
-        self.ticks = Ticks(
-            Arbitration(
-                self.machine,
-                self.registry,
-                self.safety,
-                self.operator,
-                self.watch,
-                self.in_force,
-                self._start_up,
-                lockstep,
-            )
-        )
+        self.ticks = Ticks(Arbitration(*parts, self._start_up, lockstep))
 
     def configure(self, settings: SupervisorParameters) -> None:
         """Apply new settings, keeping the state."""
@@ -166,14 +156,8 @@ class Arbiter:
         self.in_force.on_foreign(command)
         self.on_source(source)
         if self.watch.note_foreign(self.ticks.now_s, self.machine.tick, by_supervisor):
-            self.machine.log(
-                Level.ERROR,
-                "command topic",
-                Code.FOREIGN_COMMAND,
-                force_kn=command.force_kn,
-                speed_rpm=command.speed_rpm,
-                source=source[:40],
-            )
+            values = {**command._asdict(), "source": source[:40]}
+            self.machine.log(Level.ERROR, "command topic", Code.FOREIGN_COMMAND, **values)
         return False
 
     def on_source(self, source: str) -> None:
@@ -188,10 +172,8 @@ class Arbiter:
     def on_actuator(self, state: ActuatorState) -> None:
         """Take the actuator end's report, the memory of what supervisors did before this one."""
         self.machine.reported = state.stop
-        self.ticks.moved_itself, self.ticks.unheard = (
-            not state.source,
-            state.unanswered >= LOST_COMMANDS,
-        )
+        self.ticks.moved_itself = not state.source
+        self.ticks.unheard = state.unanswered >= LOST_COMMANDS
         # The end remembers leader and command as long as it lives: if it knows less than before,
         # it was restarted. After a stop nothing has to be compared with its drives.
         knows = bool(state.leader), bool(state.source)
@@ -216,11 +198,8 @@ class Arbiter:
         """On standby: adopt the leader's command."""
         applied = self.settings.drive_limits.clip(command, None)
         self.in_force.on_sent(applied)
-        self.ticks.last, self.ticks.commanded_s = (
-            Decision(stamp_ns, applied, source),
-            self.ticks.now_s,
-        )
-        tick = self.ticks.present
+        self.ticks.last = Decision(stamp_ns, applied, source)
+        self.ticks.commanded_s, tick = self.ticks.now_s, self.ticks.present
         # The standby decides the same ticks but sends nothing: one that the leader has answered is
         # closed, so that a takeover does not command twice for one measurement.
         if tick is not None and stamp_ns == tick.stamp_ns:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fsw_control.cause import Cause
-from fsw_control.contract import Command
+from fsw_control.contract import Command, towards
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED
 from fsw_control.validity import Flaw
@@ -70,32 +70,18 @@ class Arbitration:
         if machine.mode is Mode.HOLD and machine.target_mode is Mode.AUTO:
             name = "" if machine.storming() else self.registry.first_ready()
             if name:
-                machine.fire(
-                    Cause.CONTROLLER_BACK,
-                    Reason(ReasonCode.READY_AGAIN, subject=name),
-                    "failover",
-                    name,
-                )
-        elif (
-            machine.mode is Mode.AUTO
-            and settings.return_to_target
-            and machine.active != machine.target
-        ):
-            name = machine.target
-            if (
-                not self.operator.waiting
-                and self.registry.is_ready(name)
-                and not machine.storming()
-            ):
-                machine.swap(
-                    name, Cause.SWAP_BACK, Reason(ReasonCode.READY_AGAIN, subject=name), "failover"
-                )
+                reason = Reason(ReasonCode.READY_AGAIN, subject=name)
+                machine.fire(Cause.CONTROLLER_BACK, reason, "failover", name)
+        elif machine.mode is Mode.AUTO and settings.return_to_target and not self.operator.waiting:
+            name, reason = machine.target, Reason(ReasonCode.READY_AGAIN, subject=machine.target)
+            if name != machine.active and self.registry.is_ready(name) and not machine.storming():
+                machine.swap(name, Cause.SWAP_BACK, reason, "failover")
         self._time_out()
 
     def _time_out(self) -> None:
         """Limit the time in start, hold and blind manual, where the process is not controlled."""
         machine, settings = self.machine, self.machine.settings
-        since_ns, why = machine.mode_since_ns, machine.reason
+        since_ns, why, mode = machine.mode_since_ns, machine.reason, str(machine.mode)
         if machine.mode is Mode.START:
             trigger, limit_s = Cause.START_TIMEOUT, settings.start_timeout_s
         elif machine.mode is Mode.HOLD:
@@ -110,9 +96,7 @@ class Arbitration:
         else:
             return
         if machine.elapsed(since_ns, limit_s):
-            reason = Reason(
-                ReasonCode.TIMEOUT, limit_s=limit_s, subject=str(machine.mode), because=why
-            )
+            reason = Reason(ReasonCode.TIMEOUT, limit_s=limit_s, subject=mode, because=why)
             machine.fire(trigger, reason, "failover")
 
     # ---------------------------------------------------------------- the decision
@@ -153,10 +137,8 @@ class Arbitration:
     def _inputs_complete(self, tick: Tick) -> bool:
         """Whether all inputs have arrived whose order must not influence the decision."""
         mode, active = self.machine.mode, self.machine.active
-        missing = (
-            () if tick.judged else tuple(name for name in REQUIRED if name not in tick.samples)
-        )
-        if missing:
+        missing = [name for name in REQUIRED if name not in tick.samples]
+        if missing and not tick.judged:
             proposed = active in tick.candidates
             in_grace = self._now_s < tick.started_s + self._grace_s
             known, held = self.safety.sensor_flaws, self.safety.held_sensors
@@ -170,10 +152,8 @@ class Arbitration:
                 return False
         # In lockstep a decision also waits for the shadows that answered the last tick. Otherwise
         # which of them is ready would depend on the order of arrival, and runs would differ.
-        if (
-            not self.lockstep
-            or self._now_s >= tick.started_s + self.machine.settings.lockstep_shadow_wait_s
-        ):
+        waited_s = self._now_s - tick.started_s
+        if not self.lockstep or waited_s >= self.machine.settings.lockstep_shadow_wait_s:
             return True
         return not any(
             record.silent_ticks == 0
@@ -207,11 +187,7 @@ class Arbitration:
             self._fail(tick, blind, inhibit=False)
         elif candidate is not None and not candidate.refusal:
             self._follow(tick, candidate.command)
-        elif (
-            candidate is not None
-            and candidate.jump
-            and machine.tick - self.watch.foreign_tick <= 1
-        ):
+        elif candidate and candidate.jump and machine.tick - self.watch.foreign_tick <= 1:
             # Controllers track the command topic, including a foreign command, for one tick.
             self._hold(tick, Reason(ReasonCode.FOREIGN))
         elif candidate is not None:
@@ -243,9 +219,8 @@ class Arbitration:
         # swap would add a transient. Hold, until the window has passed, and let the controllers
         # settle meanwhile.
         if machine.storming():
-            reason = Reason(
-                ReasonCode.STORM, limit_s=settings.storm_window_s, because=tick.failure
-            )
+            window_s = settings.storm_window_s
+            reason = Reason(ReasonCode.STORM, limit_s=window_s, because=tick.failure)
             machine.fire(Cause.STORM, reason, "failover")
             return
         for name in settings.fallbacks:
@@ -254,12 +229,8 @@ class Arbitration:
             if name == machine.active or name not in tick.ready or self.registry.blind(name):
                 continue
             candidate = tick.candidates.get(name)
-            if (
-                candidate is None
-                and self.lockstep
-                and final
-                and not (tick.extended or tick.drained or tick.stalled)
-            ):
+            may_extend = self.lockstep and not (tick.extended or tick.drained or tick.stalled)
+            if candidate is None and final and may_extend:
                 # The plant waits: a slow fallback gets as much time as the active controller had.
                 tick.extended = True
                 tick.deadline_s = self._now_s + settings.lockstep_deadline_s
@@ -270,9 +241,8 @@ class Arbitration:
                 machine.swap(name, Cause.SWAP_FAILED, tick.failure, "failover")
                 self._follow(tick, candidate.command)
                 return
-        machine.fire(
-            Cause.NO_CONTROLLER, Reason(ReasonCode.NO_FALLBACK, because=tick.failure), "failover"
-        )
+        reason = Reason(ReasonCode.NO_FALLBACK, because=tick.failure)
+        machine.fire(Cause.NO_CONTROLLER, reason, "failover")
 
     def _follow(self, tick: Tick, proposed: Command) -> None:
         """Apply a proposal, rate-limited (bumpless transfer) just after a swap."""
@@ -282,12 +252,12 @@ class Arbitration:
         # Two controllers seldom agree to the last digit. Just after a swap the command approaches
         # the new proposal in steps smaller than a move, until it arrives.
         if machine.slewing:
-            force = _towards(applied.force_kn, proposed.force_kn, settings.force_transition_kn)
-            speed = _towards(applied.speed_rpm, proposed.speed_rpm, settings.speed_transition_rpm)
+            force = towards(applied.force_kn, proposed.force_kn, settings.force_transition_kn)
+            speed = towards(applied.speed_rpm, proposed.speed_rpm, settings.speed_transition_rpm)
             command = Command(force, speed)
             arrived = same(command, proposed)
             machine.slew(arrived)
-            reason = Reason() if arrived else Reason(ReasonCode.SLEWING)
+            reason = Reason(ReasonCode.NONE if arrived else ReasonCode.SLEWING)
         self._commit(tick, command, machine.active, reason)
 
     # ---------------------------------------------------------------- without a controller
@@ -324,7 +294,3 @@ class Arbitration:
         # Last line of defence: bounds and rates hold whatever the source has computed.
         command = self.machine.settings.drive_limits.clip(requested, self.in_force.applied)
         tick.settle(Decision(tick.stamp_ns, command, source, reason, latency_s), excuse)
-
-
-def _towards(start: float, goal: float, step: float) -> float:
-    return min(max(goal, start - step), start + step)

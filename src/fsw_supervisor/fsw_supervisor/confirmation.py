@@ -62,25 +62,21 @@ class Confirmations:
         """
         machine, state = self._failover.machine, self._failover.actuator
         value = machine.register.value
-        is_later = (
-            self._later() if state is not None and state.stop >= value else lambda state: True
-        )
+        known_before = state is not None and state.stop >= value
+        is_later = self._later() if known_before else lambda state: True
 
         def shows(state: ActuatorState) -> bool:
-            return (
-                state.stop >= value
-                and not (state.stop.stopped or machine.register.stopped)
-                and is_later(state)
-            )
+            stopped = state.stop.stopped or machine.register.stopped
+            return state.stop >= value and not stopped and is_later(state)
 
         return self._add(shows, now_s)
 
-    def of_mode(self, mode: Mode, now_s: float) -> Confirmation:
+    def of_mode(self, mode: str, now_s: float) -> Confirmation:
         """Confirm that a command of the mode, decided after the request, acts."""
         is_later = self._later()
 
         def shows(state: ActuatorState) -> bool:
-            source = self._failover.machine.active if mode is Mode.AUTO else str(mode)
+            source = self._failover.machine.active if mode == Mode.AUTO else mode
             return state.source == source != "" and is_later(state)
 
         return self._add(shows, now_s)

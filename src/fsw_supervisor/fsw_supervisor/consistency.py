@@ -17,7 +17,7 @@ persistence are in ``safety_monitor.py``.
 from __future__ import annotations
 
 from collections import deque
-from math import exp, isfinite, isnan, nan
+from math import exp, inf, isfinite, isnan, nan
 from typing import NamedTuple
 
 from fsw_control.contract import Measurement
@@ -36,8 +36,6 @@ _LARGEST_SHARE = 0.3
 _LARGEST_DRIFT = 0.05
 #: torque deviation above which the ratio is frozen [%] (chosen: half of the trip)
 _LEARNT_PERCENT = 4.0
-#: time constants of the slow means of depth and temperature (chosen: model errors grow with them)
-_DEPTH_MEAN_S, _TEMPERATURE_MEAN_S = 10.0, 20.0
 #: largest rate of the copper's temperature; a faster thermocouple signal does not move the
 #: expected depth (chosen)
 _FASTEST_C_PER_S = 5.0
@@ -48,9 +46,9 @@ _GAP_S = 1.0
 class Residuals(NamedTuple):
     """Deviations of the sensors from the model's expectation; NaN if unknown."""
 
-    torque_percent: float = nan
-    depth_mm: float = nan
-    temperature_c: float = nan
+    torque_residual_percent: float = nan
+    depth_residual_mm: float = nan
+    temperature_residual_c: float = nan
 
 
 class TorqueRatio:
@@ -70,9 +68,8 @@ class TorqueRatio:
         if isnan(self._process_nm):
             self._process_nm = now_nm
         # (18) over one tick, exact for a constant input
-        self._process_nm += (now_nm - self._process_nm) * (
-            1.0 - exp(-dt_s / self._model.motor_lag_s)
-        )
+        share = 1.0 - exp(-dt_s / self._model.motor_lag_s)
+        self._process_nm += (now_nm - self._process_nm) * share
         if self._process_nm <= 0.0:
             return nan
         measured = (m.torque_nm - friction_nm) / self._process_nm
@@ -93,29 +90,46 @@ class TorqueRatio:
         share = dt_s / min(max(self._learnt_s, _LEAST_RATIO_S), _RATIO_S)
         self._ratio = self._bounded(self._ratio + (measured - self._ratio) * min(share, 1.0))
         if is_new and self._learnt_s >= _RATIO_S:
-            self._bounds = (
-                self._ratio * (1.0 - _LARGEST_DRIFT),
-                self._ratio * (1.0 + _LARGEST_DRIFT),
-            )
+            drift = self._ratio * _LARGEST_DRIFT
+            self._bounds = self._ratio - drift, self._ratio + drift
 
     def _bounded(self, ratio: float) -> float:
         return min(max(ratio, self._bounds[0]), self._bounds[1])
 
 
-class DepthMovement:
-    """Depth compared with the response to force and temperature."""
+class _Movement:
+    """A signal compared with its expectation, less the slow mean of the difference."""
+
+    mean_s: float  #: time constant of that mean
 
     def __init__(self, model: ModelParameters) -> None:
-        poles, gains = depth_modes(model)
-        self._model, self._pole = model, float(poles[1])
-        self._creep_gain, self._slow_gain = float(gains[0]), float(gains[1])
-        self._creep = self._slow = 0.0
-        self._softening_c = 0.0
-        self._mean = nan
+        self._model, self._mean = model, nan
 
     def restart(self) -> None:
         """Drop the sensor's offset."""
         self._mean = nan
+
+    def _moved(self, dt_s: float, off: float) -> float:
+        """Distance from the slow mean of a difference ``off``, which is updated."""
+        if isnan(self._mean):
+            self._mean = off
+        residual = off - self._mean
+        self._mean += residual * (1.0 - exp(-dt_s / self.mean_s))
+        return residual
+
+
+class DepthMovement(_Movement):
+    """Depth compared with the response to force and temperature."""
+
+    mean_s = 10.0  #: chosen: the model's errors grow with it
+
+    def __init__(self, model: ModelParameters) -> None:
+        super().__init__(model)
+        poles, gains = depth_modes(model)
+        self._pole = float(poles[1])
+        self._creep_gain, self._slow_gain = float(gains[0]), float(gains[1])
+        self._creep = self._slow = 0.0
+        self._softening_c = 0.0
 
     def residual_mm(self, dt_s: float, m: Measurement) -> float:
         """Movement of the depth that the drives do not explain.
@@ -130,32 +144,23 @@ class DepthMovement:
         if isfinite(m.temperature_c):
             change_c = m.temperature_c - model.operating_temperature_c - self._softening_c
             # Rate-limited: a quickly failing thermocouple must not show as a depth residual.
-            most_c = _FASTEST_C_PER_S * dt_s
-            self._softening_c += (
-                change_c if isnan(self._mean) else min(max(change_c, -most_c), most_c)
-            )
+            most_c = inf if isnan(self._mean) else _FASTEST_C_PER_S * dt_s
+            self._softening_c += min(max(change_c, -most_c), most_c)
         depth_mm = self._creep + self._slow + model.operating_depth_mm
-        off = m.depth_mm - depth_mm * (1.0 + model.softening_per_c * self._softening_c)
-        if isnan(self._mean):
-            self._mean = off
-        residual = off - self._mean
-        self._mean += residual * (1.0 - exp(-dt_s / _DEPTH_MEAN_S))
-        return residual
+        softened_mm = depth_mm * (1.0 + model.softening_per_c * self._softening_c)
+        return self._moved(dt_s, m.depth_mm - softened_mm)
 
 
-class TemperatureMovement:
+class TemperatureMovement(_Movement):
     """Temperature compared with the response to the power."""
 
+    mean_s = 20.0  #: chosen: the model's errors grow with it
+
     def __init__(self, model: ModelParameters) -> None:
-        self._model = model
+        super().__init__(model)
         self._copper_c = self._tool_c = nan
         self._power_kw: deque[tuple[float, float]] = deque()  # time of arrival, and power
         self._arriving_kw = 0.0
-        self._mean = nan
-
-    def restart(self) -> None:
-        """Drop the sensor's offset."""
-        self._mean = nan
 
     def heat(self, time_s: float, dt_s: float, m: Measurement) -> None:
         """Take the power of a tick, which takes effect after the dead time of (16)."""
@@ -179,12 +184,7 @@ class TemperatureMovement:
 
     def residual_c(self, dt_s: float, m: Measurement) -> float:
         """Movement of the temperature that the power does not explain."""
-        off = m.temperature_c - self._tool_c
-        if isnan(self._mean):
-            self._mean = off
-        residual = off - self._mean
-        self._mean += residual * (1.0 - exp(-dt_s / _TEMPERATURE_MEAN_S))
-        return residual
+        return self._moved(dt_s, m.temperature_c - self._tool_c)
 
 
 class Consistency:
@@ -206,12 +206,8 @@ class Consistency:
         if dt_s > _GAP_S:
             self._depth.restart()
             self._temperature.restart()
-        has_depth, has_torque, has_temperature = (
-            valid and name not in m.held
-            for name, valid in zip(
-                REQUIRED, (m.depth_valid, m.torque_valid, m.temperature_valid), strict=True
-            )
-        )
+        lost = {*m.held, *m.invalid_sensors()}
+        has_depth, has_torque, has_temperature = (name not in lost for name in REQUIRED)
         torque = depth = temperature = nan
         driven = isfinite(m.force_kn) and isfinite(m.speed_rpm)
         if driven and has_torque and has_depth:

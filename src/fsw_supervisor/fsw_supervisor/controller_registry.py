@@ -107,9 +107,8 @@ class ControllerRegistry:
         if not record.present and not record.consecutive_good:
             return Readiness(Lack.LEFT)
         if record.consecutive_good < settings.warm_ticks:
-            return Readiness(
-                Lack.WARMING, good=record.consecutive_good, required=settings.warm_ticks
-            )
+            good, required = record.consecutive_good, settings.warm_ticks
+            return Readiness(Lack.WARMING, good=good, required=required)
         return self.sight(name)
 
     def is_ready(self, name: str) -> bool:
@@ -119,10 +118,8 @@ class ControllerRegistry:
     def sight(self, name: str) -> Readiness:
         """Whether controller ``name`` requires a sensor that is invalid."""
         tolerated = self._records[name].tolerated_sensors
-        needed = tuple(
-            sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated
-        )
-        return Readiness(Lack.BLIND, sensors=needed) if needed else Readiness()
+        needed = [sensor for sensor in self._safety.invalid_sensors if sensor not in tolerated]
+        return Readiness(Lack.BLIND, sensors=tuple(needed)) if needed else Readiness()
 
     def blind(self, name: str) -> Reason:
         """Reason with the invalid sensors that controller ``name`` requires; empty if none."""
@@ -160,9 +157,7 @@ class ControllerRegistry:
         """Take a controller's status; return whether the controller is known."""
         record = self.get(name)
         if record is not None:
-            record.tolerated_sensors = tuple(
-                sensor for sensor in tolerated_sensors if sensor in SENSORS
-            )
+            record.tolerated_sensors = tuple(name for name in tolerated_sensors if name in SENSORS)
             record.status_seen = True
         return record is not None
 
@@ -185,9 +180,8 @@ class ControllerRegistry:
         self._past.clear()
         for record in self:
             record.last_stamp_ns = -1
-            record.early = {
-                stamp: item for stamp, item in record.early.items() if stamp == stamp_ns
-            }
+            early = record.early.get(stamp_ns)
+            record.early = {} if early is None else {stamp_ns: early}
 
     def take(self, name: str, proposal: ProposalInput, tick: Tick | None, now_s: float) -> None:
         """Take a proposal of ``name`` for the present tick, a past one or a future one."""
@@ -197,16 +191,13 @@ class ControllerRegistry:
             return
         # An answer to a much older stamp may result from a clock that went back; its measurement
         # then arrives later.
-        far_back = tick is not None and proposal.stamp_ns < tick.stamp_ns - JUMP_NS
-        if (
-            tick is None
-            or proposal.stamp_ns > tick.stamp_ns
-            or (far_back and proposal.stamp_ns not in self._past)
-        ):
-            record.early.setdefault(proposal.stamp_ns, proposal)
+        stamp_ns = proposal.stamp_ns
+        far_back = tick is not None and stamp_ns < tick.stamp_ns - JUMP_NS
+        if tick is None or stamp_ns > tick.stamp_ns or (far_back and stamp_ns not in self._past):
+            record.early.setdefault(stamp_ns, proposal)
             if len(record.early) > _KEPT_EARLY:
                 del record.early[next(iter(record.early))]
-        elif proposal.stamp_ns == tick.stamp_ns:
+        elif stamp_ns == tick.stamp_ns:
             self._take_present(record, proposal, tick, now_s)
         else:
             self._take_old(record, proposal, tick)
@@ -215,9 +206,8 @@ class ControllerRegistry:
         """Take the proposals that arrived before their measurement."""
         for record in self:
             early = record.early.pop(tick.stamp_ns, None)
-            record.early = {
-                stamp: item for stamp, item in record.early.items() if stamp > tick.stamp_ns
-            }
+            items = record.early.items()
+            record.early = {stamp: item for stamp, item in items if stamp > tick.stamp_ns}
             if early is not None:
                 self._take_present(record, early, tick, now_s)
 
@@ -225,11 +215,8 @@ class ControllerRegistry:
         """Check the candidates that arrived before the command in force was known."""
         for name, candidate in tick.candidates.items():
             if not candidate.refusal:
-                checked = self._check(
-                    self._records[name],
-                    ProposalInput(tick.stamp_ns, name, candidate.command),
-                    tick,
-                )
+                again = ProposalInput(tick.stamp_ns, name, candidate.command)
+                checked = self._check(self._records[name], again, tick)
                 if checked.refusal:
                     tick.candidates[name] = checked
                     self._count(self._records[name], checked)
@@ -297,11 +284,8 @@ class ControllerRegistry:
             return
         record.late += 1
         if past is None or not past.excuse:
-            record.bad(
-                Reason(
-                    ReasonCode.OUTDATED, limit_s=(tick.stamp_ns - proposal.stamp_ns) / NANOSECONDS
-                )
-            )
+            age_s = (tick.stamp_ns - proposal.stamp_ns) / NANOSECONDS
+            record.bad(Reason(ReasonCode.OUTDATED, limit_s=age_s))
 
     def _check(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick) -> Candidate:
         return check(record.name, proposal, tick.previous, self._machine.settings.drive_limits)
@@ -310,18 +294,11 @@ class ControllerRegistry:
         """Update a controller's counts with a candidate command."""
         machine = self._machine
         if candidate.refusal:
-            if candidate.malformed:
-                record.rejected += 1
+            record.rejected += candidate.malformed
             if record.consecutive_good or not record.problem:
-                machine.log(
-                    Level.WARN,
-                    record.name,
-                    Code.REFUSED,
-                    controller=record.name,
-                    reason=candidate.refusal,
-                    force_kn=candidate.command.force_kn,
-                    speed_rpm=candidate.command.speed_rpm,
-                )
+                data = {"controller": record.name, "reason": candidate.refusal}
+                values = candidate.command._asdict()
+                machine.log(Level.WARN, record.name, Code.REFUSED, **data, **values)
             record.bad(candidate.refusal)
             return
         record.consecutive_good += 1

@@ -31,11 +31,8 @@ class ControllerTopics:
     ) -> None:
         self.ignored: set[str] = set()  #: names of publishers that cannot be controllers
         self._node, self._registry = node, registry
-        self._on_proposal, self._on_status, self._on_controller = (
-            on_proposal,
-            on_status,
-            on_controller,
-        )
+        self._on_proposal, self._on_status = on_proposal, on_status
+        self._on_controller = on_controller
         self._subscribed: set[str] = set()
         self._prefix = node.resolve_topic_name("fsw/command").removesuffix("command")
         self._proposal_topic = re.compile(re.escape(self._prefix) + rf"({NAME})/proposal\Z")
@@ -50,11 +47,8 @@ class ControllerTopics:
             if name in RESERVED or types != ["fsw_msgs/msg/WeldCommand"]:
                 if name not in self.ignored:
                     self.ignored.add(name)
-                    text = (
-                        f"{topic} is ignored: reserved name, "
-                        "or not of type fsw_msgs/msg/WeldCommand"
-                    )
-                    self._node.get_logger().error(text)
+                    why = "reserved name, or not of type fsw_msgs/msg/WeldCommand"
+                    self._node.get_logger().error(f"{topic} is ignored: {why}")
             elif self._node.count_publishers(topic):
                 self.subscribe(name)
                 self._registry.join(name)

@@ -42,10 +42,7 @@ class Code(Worded):
         "sensor_jumped",
         "{interlock} is trip: {quantity} {value:.4g}, last good {last_good:.4g}",
     )
-    SENSOR_BLIND = (
-        "sensor_blind",
-        "{interlock} is trip: invalid ({flaw}) for {limit_s:g} s in sum",
-    )
+    SENSOR_BLIND = "sensor_blind", "{interlock} is trip: invalid ({flaw}) for {limit_s:g} s in sum"
     CLEARED = "cleared", "{interlock} is ok"
     NOTHING_MEASURED = "nothing_measured", "nothing has been measured yet"
     # ticks and modes
@@ -73,10 +70,7 @@ class Code(Worded):
     SWITCH_ANSWERED = "switch_answered", "switch to {controller}: {answer.words}"
     MODE_REFUSED = "mode_refused", "mode {mode}: {answer.words}"
     ACKNOWLEDGE_REFUSED = "acknowledge_refused", "acknowledge: {answer.words}"
-    UNKNOWN_CONTROLLER = (
-        "unknown_controller",
-        "unknown controller {controller!r}; known: {known}",
-    )
+    UNKNOWN_CONTROLLER = "unknown_controller", "unknown controller {controller!r}; known: {known}"
     UNKNOWN_MODE = "unknown_mode", "unknown mode {mode!r}; known: {known}"
     UNKNOWN_STRICTNESS = (
         "unknown_strictness",
@@ -89,10 +83,7 @@ class Code(Worded):
     ACTIVE_ALREADY = "active_already", "{controller} is active already"
     NOT_READY = "not_ready", "{controller} {readiness.predicate}"
     TOO_SOON = "too_soon", "the last swap was only {elapsed_s:.1f} s ago"
-    SELECTED = (
-        "selected",
-        "{controller} is selected; the mode is {mode}: it is applied when auto begins",
-    )
+    SELECTED = "selected", "{controller} is selected; the mode is {mode}: applied when auto begins"
     ACCEPTED = "accepted", "accepted: {controller} is applied from the next tick on"
     APPLIED = "applied", "{controller} is applied"
     NOT_APPLIED = "not_applied", "swapped, but {controller} is not applied yet"
@@ -110,10 +101,7 @@ class Code(Worded):
     MODE_NEXT = "mode_next", "{mode} from the next command on"
     AUTO_NEXT = "auto_next", "auto from the next command on, with {controller}"
     NO_STOP = "no_stop", "there is no safe stop to acknowledge"
-    STOP_UNCONFIRMED = (
-        "stop_unconfirmed",
-        "the machine has not confirmed the safe stop yet; ask again",
-    )
+    STOP_UNCONFIRMED = "stop_unconfirmed", "the machine has not confirmed the safe stop; ask again"
     ACKNOWLEDGED = "acknowledged", "acknowledged; now request a mode"
     UNCONFIRMED = (
         "unconfirmed",

@@ -95,10 +95,8 @@ class Failover:
         times = [] if arbiter_s is None else [arbiter_s]
         if self.role is Role.LISTENING:
             times.append(self._listening_ends_s)
-        waiting = (
-            self.role is not Role.ACTIVE and self._tick is not None and not self._tick.answered
-        )
-        if waiting and self._due_s > self._called_s:
+        unanswered = self._tick is not None and not self._tick.answered
+        if unanswered and self.role is not Role.ACTIVE and self._due_s > self._called_s:
             times.append(self._due_s)
         return min(times, default=None)
 
@@ -161,11 +159,10 @@ class Failover:
         self._heard_term = max(self._heard_term, state.term)
         self._confirmed |= state.leader == self._identity
         self._arbiter.on_actuator(state)
+        is_led = state.leader and state.unanswered < self._needed(now_s)
         if self.role is Role.ACTIVE and self._is_other(state):
             self._step_down()
-        elif (
-            self.role is Role.LISTENING and state.leader and state.unanswered < self._needed(now_s)
-        ):
+        elif self.role is Role.LISTENING and is_led:
             self.role = Role.STANDBY
         if self.role is not Role.ACTIVE and state.answered_ns > self.last_decided_ns:
             # The acting command was not received here: the drives show the command in force.
@@ -239,12 +236,10 @@ class Failover:
         tick = self._arbiter.ticks.present
         if tick is not None and tick is not self._tick:
             self._begin(tick)
-        if self._arbiter.lockstep and tick is not None and not self._drained:
-            decision = None if tick.outcome is None else tick.outcome.decision
-            if decision is not None:
-                self._due_s = min(
-                    self._due_s, tick.started_s + decision.latency_s + _LOCKSTEP_WAIT_S
-                )
+        decision = tick.outcome.decision if tick and tick.outcome else None
+        if self._arbiter.lockstep and tick and decision and not self._drained:
+            decided_s = tick.started_s + decision.latency_s
+            self._due_s = min(self._due_s, decided_s + _LOCKSTEP_WAIT_S)
         if self.role is Role.LISTENING:
             return now_s >= self._listening_ends_s
         if tick is None or now_s < self._due_s or self.actuator is None:
@@ -283,12 +278,9 @@ class Failover:
     @property
     def _lease_s(self) -> float:
         """Duration of a stall after which another supervisor may have taken over."""
-        settings = self._arbiter.settings
-        return (
-            settings.takeover_s(True) / 2.0
-            if self._arbiter.lockstep
-            else SILENT_PERIODS * settings.tick_period_s
-        )
+        if self._arbiter.lockstep:
+            return self._arbiter.settings.takeover_s(True) / 2.0
+        return SILENT_PERIODS * self._arbiter.settings.tick_period_s
 
     def _is_other(self, state: ActuatorState) -> bool:
         """Whether the actuator end follows another leader.
@@ -296,13 +288,11 @@ class Failover:
         A term of this supervisor that it has not seen yet may be ahead, but is not asserted
         against a leader that answers.
         """
-        other = state.leader not in ("", self._identity)
+        other, answers = state.leader not in ("", self._identity), state.unanswered == 0
         # it took over but has sent nothing yet, and the previous leader answers again
         if not self.term:
-            return other and state.unanswered == 0
-        return other and (
-            state.term >= self.term or (state.unanswered == 0 and not self._confirmed)
-        )
+            return other and answers
+        return other and (state.term >= self.term or (answers and not self._confirmed))
 
     def _step_down(self) -> None:
         self.role, self.term, self.asserting = Role.STANDBY, 0, False

@@ -45,11 +45,8 @@ class CommandWatch:
         then still to come.
         """
         for decision in self._sent:
-            if (
-                decision.stamp_ns == stamp_ns
-                and decision.source == source
-                and same(decision.command, command)
-            ):
+            is_answer = decision.stamp_ns == stamp_ns and decision.source == source
+            if is_answer and same(decision.command, command):
                 if not by_supervisor:
                     self._sent.remove(decision)
                 return True
@@ -183,35 +180,27 @@ class CommandInForce:
 
     def feedback(self, stamp_ns: int) -> Command | None:
         """Feedback of the drives with this stamp, if any."""
-        return (
-            self._drives[1] if self._drives is not None and self._drives[0] == stamp_ns else None
-        )
+        return self._drives[1] if self._drives and self._drives[0] == stamp_ns else None
 
     def learn_offsets(self, tick: Tick, limits: Limits) -> None:
         """Compare the drives' feedback of a tick with the command in force."""
         drives, command = tick.drives, tick.previous
+        off: tuple[float | None, float | None] = None, None
         # at the start of control the two agree by construction
-        if drives is None or command is None or self._just_begun:
-            self._force_offset.learn(None, limits.force_step_kn)
-            self._speed_offset.learn(None, limits.speed_step_rpm)
-        else:
-            self._force_offset.learn(drives.force_kn - command.force_kn, limits.force_step_kn)
-            self._speed_offset.learn(drives.speed_rpm - command.speed_rpm, limits.speed_step_rpm)
+        if drives is not None and command is not None and not self._just_begun:
+            off = drives.force_kn - command.force_kn, drives.speed_rpm - command.speed_rpm
+        self._force_offset.learn(off[0], limits.force_step_kn)
+        self._speed_offset.learn(off[1], limits.speed_step_rpm)
         self._just_begun = False
 
     def commanded(self, drives: Command) -> Command:
         """Command that the drives execute when they report ``drives``."""
-        return Command(
-            drives.force_kn - self._force_offset.value, drives.speed_rpm - self._speed_offset.value
-        )
+        force_kn = drives.force_kn - self._force_offset.value
+        return Command(force_kn, drives.speed_rpm - self._speed_offset.value)
 
     def acting(self, tick: Tick, hold_s: float) -> Command | None:
         """Actual force and speed: feedback no older than ``hold_s``, else the command."""
         if tick.drives is not None or self._drives is None:
             return tick.drives or self.applied
-        stamp_ns, feedback = self._drives
-        return (
-            feedback
-            if 0 <= tick.stamp_ns - stamp_ns <= round(hold_s * NANOSECONDS)
-            else self.applied
-        )
+        age_ns, feedback = tick.stamp_ns - self._drives[0], self._drives[1]
+        return feedback if 0 <= age_ns <= round(hold_s * NANOSECONDS) else self.applied

@@ -82,10 +82,8 @@ class OperatorRequests:
         request = SwitchRequest(name, strict, now_s + timeout_s, expires_ns, who)
         if self.registry.get(name) is None:
             known = tuple(record.name for record in self.registry)
-            return self._answer(
-                request,
-                Answer.refused(Code.UNKNOWN_CONTROLLER, controller=name[:40], known=known),
-            )
+            reply = Answer.refused(Code.UNKNOWN_CONTROLLER, controller=name[:40], known=known)
+            return self._answer(request, reply)
         self.drop(Fact.of(Code.SUPERSEDED, controller=name))
         if machine.mode is Mode.AUTO and name == machine.active:
             machine.set_target(name)
@@ -95,9 +93,8 @@ class OperatorRequests:
             return self._answer(request, Answer(False, why_not))
         machine.set_target(name)
         if machine.mode is not Mode.AUTO:
-            return self._answer(
-                request, Answer.done(Code.SELECTED, controller=name, mode=machine.mode)
-            )
+            reply = Answer.done(Code.SELECTED, controller=name, mode=machine.mode)
+            return self._answer(request, reply)
         self._pending = request
         if timeout_s == 0.0:
             self._answer(request, Answer.done(Code.ACCEPTED, controller=name))
@@ -107,9 +104,8 @@ class OperatorRequests:
         """Request one of ``OPERATOR_MODES`` (``manual`` with values)."""
         answer = self._ask_mode(mode, manual, who)
         if not answer.ok:
-            self.machine.log(
-                Level.WARN, who, Code.MODE_REFUSED, mode=mode[:40], answer=answer.fact
-            )
+            data = {"mode": mode[:40], "answer": answer.fact}
+            self.machine.log(Level.WARN, who, Code.MODE_REFUSED, **data)
         return answer
 
     def _ask_mode(self, mode: str, manual: Command | None, who: str) -> Answer:
@@ -118,14 +114,11 @@ class OperatorRequests:
             known = tuple(OPERATOR_TRIGGERS)
             return Answer.refused(Code.UNKNOWN_MODE, mode=mode[:40], known=known)
         requested = Mode(mode)
-        if requested is not Mode.SAFE_STOP and (why_stop := self.safety.why_stop()):
-            return Answer(False, why_stop)
-        if (
-            requested is not Mode.SAFE_STOP
-            and machine.mode is Mode.SAFE_STOP
-            and not machine.acknowledged
-        ):
-            return Answer.refused(Code.ACKNOWLEDGE_FIRST)
+        if requested is not Mode.SAFE_STOP:
+            if why_stop := self.safety.why_stop():
+                return Answer(False, why_stop)
+            if machine.mode is Mode.SAFE_STOP and not machine.acknowledged:
+                return Answer.refused(Code.ACKNOWLEDGE_FIRST)
         if requested is Mode.MANUAL:
             manual = manual or Command(nan, nan)
             refused = refusal(manual, machine.settings.drive_limits)
@@ -145,12 +138,8 @@ class OperatorRequests:
             return Answer.done(Code.MODE_ALREADY, mode=requested)
         if requested is not Mode.AUTO:
             self.drop(Fact.of(Code.MODE_CHANGED, mode=requested))
-        machine.fire(
-            OPERATOR_TRIGGERS[requested],
-            Reason(ReasonCode.REQUESTED, subject=str(requested)),
-            who,
-            controller,
-        )
+        reason = Reason(ReasonCode.REQUESTED, subject=str(requested))
+        machine.fire(OPERATOR_TRIGGERS[requested], reason, who, controller)
         if controller:
             return Answer.done(Code.AUTO_NEXT, controller=controller)
         return Answer.done(Code.MODE_NEXT, mode=requested)
@@ -197,20 +186,14 @@ class OperatorRequests:
         if request is None or request.done:
             return
         swapped = request.name == self.machine.active
-        guard_s = (
-            settings.lockstep_deadline_s
-            if self.lockstep
-            else settings.deadline_s
-            if swapped
-            else 0.0
-        )
+        guard_s = settings.deadline_s if swapped else 0.0
+        if self.lockstep:
+            guard_s = settings.lockstep_deadline_s
         late = self.lockstep and self.machine.elapsed(request.expires_ns, settings.tick_period_s)
         if late or now_s > request.expires_s + guard_s:
-            why_not = (
-                Fact.of(Code.NOT_APPLIED, controller=request.name)
-                if swapped
-                else self._why_not(request.name) or Fact.of(Code.NO_MEASUREMENT_YET)
-            )
+            why_not = Fact.of(Code.NOT_APPLIED, controller=request.name)
+            if not swapped:
+                why_not = self._why_not(request.name) or Fact.of(Code.NO_MEASUREMENT_YET)
             self.drop(Fact.of(Code.TIMED_OUT, reason=why_not))
 
     def on_applied(self, source: str) -> None:
@@ -240,26 +223,18 @@ class OperatorRequests:
     def _why_not(self, name: str) -> Fact | None:
         """Why a swap to ``name`` is not possible now; None if it is."""
         machine = self.machine
-        why_not = None if self.registry.is_ready(name) else self._not_ready(name)
-        if (
-            why_not
-            or machine.mode is not Mode.AUTO
-            or name == machine.active
-            or self._swapped_ns is None
-        ):
-            return why_not
+        if not self.registry.is_ready(name):
+            return self._not_ready(name)
+        if machine.mode is not Mode.AUTO or name == machine.active or self._swapped_ns is None:
+            return None
         recent = not machine.elapsed(self._swapped_ns, machine.settings.switch_interval_s)
         elapsed_s = (machine.time_ns - self._swapped_ns) / NANOSECONDS
         return Fact.of(Code.TOO_SOON, elapsed_s=elapsed_s) if recent else None
 
     def _answer(self, request: SwitchRequest, reply: Answer) -> SwitchRequest:
         if not request.done or not reply.ok:
-            self.machine.log(
-                Level.INFO if reply.ok else Level.WARN,
-                request.who,
-                Code.SWITCH_ANSWERED,
-                controller=request.name[:40],
-                answer=reply.fact,
-            )
+            level = Level.INFO if reply.ok else Level.WARN
+            data = {"controller": request.name[:40], "answer": reply.fact}
+            self.machine.log(level, request.who, Code.SWITCH_ANSWERED, **data)
         request.answer(reply)
         return request

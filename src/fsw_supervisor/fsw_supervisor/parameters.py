@@ -64,144 +64,64 @@ class _Row(NamedTuple):
 
     def limits(self) -> InterlockLimits:
         """Its parameters."""
-        bounds = Range(-1000.0, 10_000.0, self.unit)
+        bounds, distance = Range(-1000.0, 10_000.0, self.unit), Range(0.0, 1000.0, self.unit)
         fields = {
             "warn": (bounds, self.warn, f"Warning {self.warned}"),
             "trip": (bounds, self.trip, f"Safe stop {self.tripped or self.warned}"),
-            "hysteresis": (
-                Range(0.0, 1000.0, self.unit),
-                self.hysteresis,
-                "Distance that the value must return past the limit before the warning or trip is cleared (chosen)",
-            ),
+            "hysteresis": (distance, self.hysteresis, _HYSTERESIS),
         }
         group = create_model(f"{self.name}_limits", __base__=InterlockLimits, **numbers(fields))
         group.low = self.name.endswith("_low")
         return group.model_validate({})
 
 
+_HYSTERESIS = (
+    "Distance that the value must return past the limit before the warning or trip is cleared "
+    "(chosen)"
+)
+_COLD, _HOT = (f"{side} this probe temperature" for side in ("below", "above"))
+_INSIDE = " (chosen, 10 degC inside the process window)"
 _WINDOW = (
-    "the process window of 790 to 910 degC prevents defects and fracture of the tool "
+    ": the process window of 790 to 910 degC prevents defects and fracture of the tool "
     "(lup.lub.lu.se/record/1961682)"
 )
+_SHALLOW = (
+    "below this shoulder depth: the shoulder leaves the copper, or the sensor has slipped (chosen)"
+)
+_UNSURE = (
+    "above this standard deviation of the depth: its sensors disagree or too few are left, "
+    "and the depth is not known (chosen)"
+)
+_BROKEN = "below this motor torque: the probe broke, or the sensor failed (chosen)"
 _TORQUE = "at this deviation from the torque that the model expects of depth and force"
+_WEAK = f"{_TORQUE}: the probe broke, or a sensor is wrong (chosen)"
+_STRONG = f"{_TORQUE}: the depth sensor slipped, or the torque sensor is wrong (chosen)"
+_MOVED = "at this movement of the depth that force and temperature do not explain (chosen)"
+_HEATED = "at this movement of the temperature that the power does not explain (chosen)"
+_C, _DEPTH, _NM = ("temperature_c", "degC"), ("depth_mm", "mm"), ("torque_nm", "N m")
+_RATIO, _MOVEMENT = ("torque_residual_percent", "%"), ("depth_residual_mm", "mm")
+_HEAT = "temperature_residual_c", "degC"
 _ROWS = (
-    _Row(
-        "temperature_low",
-        "temperature_c",
-        "degC",
-        800.0,
-        790.0,
-        2.0,
-        "below this probe temperature (chosen, 10 degC inside the process window)",
-        f"below this probe temperature: {_WINDOW}",
-    ),
-    _Row(
-        "temperature_high",
-        "temperature_c",
-        "degC",
-        900.0,
-        910.0,
-        2.0,
-        "above this probe temperature (chosen, 10 degC inside the process window)",
-        f"above this probe temperature: {_WINDOW}",
-    ),
-    _Row(
-        "depth_low",
-        "depth_mm",
-        "mm",
-        1.7,
-        1.4,
-        0.02,
-        "below this shoulder depth: the shoulder leaves the copper, or the sensor has slipped (chosen)",
-    ),
-    _Row("depth_high", "depth_mm", "mm", 3.4, 3.7, 0.02, "above this shoulder depth (chosen)"),
-    _Row(
-        "depth_deviation_high",
-        "depth_deviation_mm",
-        "mm",
-        0.1,
-        0.2,
-        0.01,
-        "above this standard deviation of the depth: its sensors disagree or too few are left, "
-        "and the depth is not known (chosen)",
-    ),
+    _Row("temperature_low", *_C, 800.0, 790.0, 2.0, _COLD + _INSIDE, _COLD + _WINDOW),
+    _Row("temperature_high", *_C, 900.0, 910.0, 2.0, _HOT + _INSIDE, _HOT + _WINDOW),
+    _Row("depth_low", *_DEPTH, 1.7, 1.4, 0.02, _SHALLOW),
+    _Row("depth_high", *_DEPTH, 3.4, 3.7, 0.02, "above this shoulder depth (chosen)"),
+    _Row("depth_deviation_high", "depth_deviation_mm", "mm", 0.1, 0.2, 0.01, _UNSURE),
     _Row("force_high", "force_kn", "kN", 95.5, 97.0, 0.5, "above this axial force (chosen)"),
-    _Row(
-        "torque_low",
-        "torque_nm",
-        "N m",
-        500.0,
-        400.0,
-        20.0,
-        "below this motor torque: the probe broke, or the sensor failed (chosen)",
-    ),
-    _Row(
-        "torque_high", "torque_nm", "N m", 1400.0, 1600.0, 20.0, "above this motor torque (chosen)"
-    ),
+    _Row("torque_low", *_NM, 500.0, 400.0, 20.0, _BROKEN),
+    _Row("torque_high", *_NM, 1400.0, 1600.0, 20.0, "above this motor torque (chosen)"),
     _Row("power_high", "power_kw", "kW", 60.0, 66.0, 1.0, "above this motor power (chosen)"),
-    _Row(
-        "torque_model_low",
-        "torque_residual_percent",
-        "%",
-        -6.0,
-        -8.0,
-        0.5,
-        f"{_TORQUE}: the probe broke, or a sensor is wrong (chosen)",
-    ),
-    _Row(
-        "torque_model_high",
-        "torque_residual_percent",
-        "%",
-        6.0,
-        8.0,
-        0.5,
-        f"{_TORQUE}: the depth sensor slipped, or the torque sensor is wrong (chosen)",
-    ),
-    _Row(
-        "depth_model_low",
-        "depth_residual_mm",
-        "mm",
-        -0.3,
-        -0.4,
-        0.05,
-        "at this movement of the depth that force and temperature do not explain (chosen)",
-    ),
-    _Row(
-        "depth_model_high",
-        "depth_residual_mm",
-        "mm",
-        0.3,
-        0.4,
-        0.05,
-        "at this movement of the depth that force and temperature do not explain (chosen)",
-    ),
-    _Row(
-        "temperature_model_low",
-        "temperature_residual_c",
-        "degC",
-        -75.0,
-        -90.0,
-        2.0,
-        "at this movement of the temperature that the power does not explain (chosen)",
-    ),
-    _Row(
-        "temperature_model_high",
-        "temperature_residual_c",
-        "degC",
-        75.0,
-        90.0,
-        2.0,
-        "at this movement of the temperature that the power does not explain (chosen)",
-    ),
+    _Row("torque_model_low", *_RATIO, -6.0, -8.0, 0.5, _WEAK),
+    _Row("torque_model_high", *_RATIO, 6.0, 8.0, 0.5, _STRONG),
+    _Row("depth_model_low", *_MOVEMENT, -0.3, -0.4, 0.05, _MOVED),
+    _Row("depth_model_high", *_MOVEMENT, 0.3, 0.4, 0.05, _MOVED),
+    _Row("temperature_model_low", *_HEAT, -75.0, -90.0, 2.0, _HEATED),
+    _Row("temperature_model_high", *_HEAT, 75.0, 90.0, 2.0, _HEATED),
 )
 #: by interlock, the value that it watches
 QUANTITIES = {row.name: row.quantity for row in _ROWS}
 _LIMITS = {row.name: row.limits() for row in _ROWS}
-INTERLOCKS = create_model(
-    "Interlocks",
-    __base__=_Interlocks,
-    **fields_of(_LIMITS),
-)()
+INTERLOCKS = create_model("Interlocks", __base__=_Interlocks, **fields_of(_LIMITS))()
 
 
 class SupervisorParameters(NodeParameters):
@@ -209,10 +129,7 @@ class SupervisorParameters(NodeParameters):
 
     controller: Annotated[str, AT_START] = "decentral"
     """Controller to start with."""
-    fallbacks: Many[str] = (
-        "decentral",
-        "nmpc",
-    )
+    fallbacks: Many[str] = ("decentral", "nmpc")
     """Controllers that replace the active one when it fails, in this order."""
     lockstep: Annotated[Literal["auto", "on", "off"], AT_START] = "auto"
     """Whether the plant waits for the command, so that wall-clock deadlines are only a safeguard;
@@ -304,28 +221,22 @@ class SupervisorParameters(NodeParameters):
     def _consistent(self) -> SupervisorParameters:
         limits, period_s = self.limits, self.tick_period_s
         if self.deadline_s >= period_s:
-            raise ValueError(
-                f"deadline_s is {self.deadline_s} s; it must be between 0 and tick_period_s ({period_s} s)"
-            )
-        if self.force_transition_kn > limits.force_step_kn:
-            raise ValueError(
-                f"force_transition_kn must not exceed the step of {limits.force_step_kn} kN"
-            )
-        if self.speed_transition_rpm > limits.speed_step_rpm:
-            raise ValueError(
-                f"speed_transition_rpm must not exceed the step of {limits.speed_step_rpm} rpm"
-            )
-        if not limits.force_min_kn <= self.safe_force_kn <= limits.force_max_kn:
-            raise ValueError(
-                f"safe_force_kn must be within {limits.force_min_kn} to {limits.force_max_kn} kN"
-            )
+            text = f"it must be between 0 and tick_period_s ({period_s} s)"
+            raise ValueError(f"deadline_s is {self.deadline_s} s; {text}")
+        step_kn, step_rpm = limits.force_step_kn, limits.speed_step_rpm
+        if self.force_transition_kn > step_kn:
+            raise ValueError(f"force_transition_kn must not exceed the step of {step_kn} kN")
+        if self.speed_transition_rpm > step_rpm:
+            raise ValueError(f"speed_transition_rpm must not exceed the step of {step_rpm} rpm")
+        low_kn, high_kn = limits.force_min_kn, limits.force_max_kn
+        if not low_kn <= self.safe_force_kn <= high_kn:
+            raise ValueError(f"safe_force_kn must be within {low_kn} to {high_kn} kN")
         if not self.controller:
             raise ValueError("controller must name the controller to start with, e.g. 'decentral'")
         for name in (self.controller, *self.fallbacks):
             if not may_be_controller(name):
-                raise ValueError(
-                    f"controller, fallbacks: {name!r} cannot be the name of a controller"
-                )
+                text = f"{name!r} cannot be the name of a controller"
+                raise ValueError(f"controller, fallbacks: {text}")
         return self
 
     def model_post_init(self, _: Any) -> None:

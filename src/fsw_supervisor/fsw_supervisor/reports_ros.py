@@ -50,9 +50,8 @@ class Note(Worded):
 
 def command(decision: Decision, signature: Signature) -> WeldCommand:
     """Command message of a decision, signed by its supervisor."""
-    message = convert.command_message(
-        decision.command, decision.stamp_ns, decision.source, healthy=True, why=decision.reason
-    )
+    command, source = decision.command, decision.source
+    message = convert.command_message(command, decision.stamp_ns, source, why=decision.reason)
     convert.sign(message, signature)
     return message
 
@@ -96,9 +95,7 @@ def state(arbiter: Arbiter, now: Time, signature: Signature) -> SupervisorState:
         since=convert.stamp_from_ns(machine.since_ns),
         transitions=machine.transitions,
         controllers=[health(arbiter, record) for record in arbiter.registry],
-        interlocks=[
-            Interlock(name=name, level=level) for name, level in arbiter.safety.active.items()
-        ],
+        interlocks=[Interlock(name=n, level=level) for n, level in arbiter.safety.active.items()],
     )
     message.header.stamp = now
     convert.sign(message, signature)
@@ -126,12 +123,8 @@ def diagnostics(
         _controller_status(arbiter, record, namesakes.get(record.name, 0), limits)
         for record in arbiter.registry
     ]
-    return [
-        _arbiter_status(arbiter),
-        _writer_status(arbiter, writers),
-        _process_status(arbiter),
-        *controllers,
-    ]
+    own = _arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter)
+    return [*own, *controllers]
 
 
 def _arbiter_status(arbiter: Arbiter) -> Report:
@@ -143,9 +136,8 @@ def _arbiter_status(arbiter: Arbiter) -> Report:
     if machine.mode is not Mode.START and not _SHIPPED.issuperset(absent):
         level = WARN
         facts.append(Fact.of(Note.ABSENT, controllers=tuple(absent)))
-    if machine.mode is not machine.target_mode or (
-        machine.active and machine.active != machine.target
-    ):
+    replaced = machine.active and machine.active != machine.target
+    if machine.mode is not machine.target_mode or replaced:
         level, target = WARN, machine.target
         facts.append(Fact.of(Note.INSTEAD, mode=machine.target_mode, controller=target))
     if machine.mode is Mode.SAFE_STOP:
@@ -171,10 +163,8 @@ def _writer_status(arbiter: Arbiter, writers: int) -> Report:
         level, fact = WARN, Fact.of(Note.WRITERS, count=writers)
     if arbiter.watch.seen_lately(arbiter.ticks.now_s):
         level, fact = ERROR, Fact.of(Note.FOREIGN)
-    foreign = arbiter.watch.foreign_commands
-    return Report(
-        "command topic", level, fact, {"publishers": writers, "foreign commands": foreign}
-    )
+    values = {"publishers": writers, "foreign commands": arbiter.watch.foreign_commands}
+    return Report("command topic", level, fact, values)
 
 
 def _process_status(arbiter: Arbiter) -> Report:
@@ -187,13 +177,10 @@ def _process_status(arbiter: Arbiter) -> Report:
         facts.append(Fact.of(Note.INVALID, sensors=tuple(safety.invalid_sensors)))
     if safety.active:
         level = ERROR if safety.tripped else WARN
-        facts += [
-            Fact.of(Note.INTERLOCK, interlock=name, level=severity)
-            for name, severity in safety.active.items()
-        ]
-    reasons: dict[str, object] = {
-        f"{name} state": why or "good" for name, why in safety.sensor_flaws.items()
-    }
+        for name, severity in safety.active.items():
+            facts.append(Fact.of(Note.INTERLOCK, interlock=name, level=severity))
+    flaws = safety.sensor_flaws.items()
+    reasons: dict[str, object] = {f"{name} state": why or "good" for name, why in flaws}
     reasons["held"] = ", ".join(safety.held_sensors) or "none"
     return Report("process", level, several(facts) or Fact.of(Note.WITHIN), reasons)
 
@@ -204,12 +191,9 @@ def _controller_status(
     known = health(arbiter, record)
     latencies_s = sorted(record.latencies_s) or [0.0]
     p99_s = latencies_s[ceil(0.99 * len(latencies_s)) - 1]
-    readiness, is_active = (
-        arbiter.registry.readiness(record.name),
-        record.name == arbiter.machine.active,
-    )
+    readiness, active = arbiter.registry.readiness(record.name), arbiter.machine.active
     level = WARN if readiness.lack else OK
-    facts = [Fact.of(Note.ACTIVE if is_active else Note.READY)]
+    facts = [Fact.of(Note.ACTIVE if record.name == active else Note.READY)]
     if readiness.lack:
         facts = [Fact.of(Code.NOT_READY, controller=record.name, readiness=readiness)]
     if not arbiter.lockstep and p99_s >= limits[0]:

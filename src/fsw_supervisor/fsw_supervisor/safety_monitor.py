@@ -34,6 +34,8 @@ _ORDER = Severity.OK, Severity.WARN, Severity.TRIP
 _LOG_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
 #: by value, the sensor that it needs
 _SENSOR = {**{SENSORS[name].signal: name for name in REQUIRED}, "power_kw": "torque"}
+#: quantities of a measurement that interlocks watch
+_MEASURED = ("depth_mm", "torque_nm", "temperature_c", "force_kn")
 #: trips that a safe stop itself causes: less force heats less
 _CONSEQUENCES = {"temperature_low"}
 #: modes in which the process is controlled, or is to be again, without an operator
@@ -96,12 +98,9 @@ class Interlock:
 
 def interlocks_from(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
     """Table of the interlocks from the parameters."""
+    keys = "warn", "trip", "hysteresis"
     return tuple(
-        Interlock(
-            name,
-            quantity,
-            *(values[f"interlocks.{name}.{key}"] for key in ("warn", "trip", "hysteresis")),
-        )
+        Interlock(name, quantity, *(values[f"interlocks.{name}.{key}"] for key in keys))
         for name, quantity in QUANTITIES.items()
     )
 
@@ -181,12 +180,10 @@ class SafetyMonitor:
         readmitted = self._guard.readmit()
         for name, value in readmitted.items():
             self._standing.pop(f"{name}_jump", None)
-            self._machine.log(
-                Level.WARN, who, Code.SENSOR_ACKNOWLEDGED, who=who, sensor=name, value=value
-            )
-        self.invalid_sensors = tuple(
-            name for name in self.invalid_sensors if name not in readmitted
-        )
+            data = {"who": who, "sensor": name, "value": value}
+            self._machine.log(Level.WARN, who, Code.SENSOR_ACKNOWLEDGED, **data)
+        still = [name for name in self.invalid_sensors if name not in readmitted]
+        self.invalid_sensors = tuple(still)
 
     @property
     def sensor_flaws(self) -> dict[str, Flaw]:
@@ -201,16 +198,13 @@ class SafetyMonitor:
     @property
     def active(self) -> Mapping[str, Severity]:
         """Active warnings and trips, jumps and blindness, by name."""
-        levels = {n: level for n, level in self._levels.items() if level is not Severity.OK}
+        levels = {name: level for name, level in self._levels.items() if level}
         return levels | dict.fromkeys(self._standing, Severity.TRIP)
 
     @property
     def tripped(self) -> tuple[str, ...]:
         """Names of the tripped interlocks, jumps and blindness."""
-        return (
-            *(name for name, level in self._levels.items() if level is Severity.TRIP),
-            *self._standing,
-        )
+        return tuple(name for name, level in self.active.items() if level is Severity.TRIP)
 
     def why_stop(self, acknowledged: bool = False) -> Fact | None:
         """Why a safe stop must begin or last; None if it need not.
@@ -244,9 +238,8 @@ class SafetyMonitor:
         """Judge the samples of a tick; ``acting``: force and speed that act. A trip leads to a safe stop."""
         before, reasons = self.invalid_sensors, self._guard.reasons
         tick.judged = self.judged = True
-        tick.dropouts = tuple(
-            name for name in REQUIRED if name not in tick.samples and not reasons[name]
-        )
+        missing = (name for name in REQUIRED if name not in tick.samples)
+        tick.dropouts = tuple(name for name in missing if not reasons[name])
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()
         if not self.invalid_sensors:
@@ -255,9 +248,8 @@ class SafetyMonitor:
             self.blind_since_ns = self._machine.time_ns
         for name in self.invalid_sensors:
             if name not in before:
-                self._machine.log(
-                    Level.WARN, "sensors", Code.SENSOR_INVALID, sensor=name, flaw=reasons[name]
-                )
+                data = {"sensor": name, "flaw": reasons[name]}
+                self._machine.log(Level.WARN, "sensors", Code.SENSOR_INVALID, **data)
         for name in before:
             if name not in self.invalid_sensors:
                 self._machine.log(Level.INFO, "sensors", Code.SENSOR_VALID, sensor=name)
@@ -265,15 +257,10 @@ class SafetyMonitor:
         self._note_standing(tick.samples)
         residuals = self._consistency.update(measurement)
         known = {
-            "depth_mm": measurement.depth_mm,
+            **{name: getattr(measurement, name) for name in _MEASURED},
+            **residuals._asdict(),
             "depth_deviation_mm": tick.depth_deviation_mm,
-            "torque_nm": measurement.torque_nm,
-            "temperature_c": measurement.temperature_c,
-            "force_kn": measurement.force_kn,
             "power_kw": kw_from_w(measurement.torque_nm * rad_s_from_rpm(measurement.speed_rpm)),
-            "torque_residual_percent": residuals.torque_percent,
-            "depth_residual_mm": residuals.depth_mm,
-            "temperature_residual_c": residuals.temperature_c,
         }
         rejected = {
             SENSORS[name].signal: value
@@ -281,14 +268,12 @@ class SafetyMonitor:
             if reasons[name] and not isnan(value)
         }
         if "torque_nm" in rejected:
-            rejected["power_kw"] = kw_from_w(
-                rejected["torque_nm"] * rad_s_from_rpm(measurement.speed_rpm)
-            )
+            rate_rad_s = rad_s_from_rpm(measurement.speed_rpm)
+            rejected["power_kw"] = kw_from_w(rejected["torque_nm"] * rate_rad_s)
         self.watch(known, measurement.held, rejected, self._since_judged_s())
         if self.invalid_sensors and self._machine.acknowledged:
-            self._machine.renew(
-                StopCause.BLIND, "sensors"
-            )  # from now on it is unknown whether a cause is present
+            # from now on it is unknown whether a cause is present
+            self._machine.renew(StopCause.BLIND, "sensors")
 
     @property
     def _is_automatic(self) -> bool:
@@ -300,23 +285,14 @@ class SafetyMonitor:
         before, self._standing = self._standing, {}
         for name, last_good in self._guard.jumped.items():
             cause, shown = f"{name}_jump", samples.get(name, nan)
-            fact = Fact.of(
-                Code.SENSOR_JUMPED,
-                interlock=cause,
-                quantity=SENSORS[name].signal,
-                value=shown,
-                last_good=last_good,
-            )
+            data = {"interlock": cause, "quantity": SENSORS[name].signal}
+            fact = Fact.of(Code.SENSOR_JUMPED, **data, value=shown, last_good=last_good)
             self._standing[cause] = before.get(cause, fact)
         if self._is_automatic or self._machine.mode is Mode.SAFE_STOP:
             for name in self._blindness.exceeded:
                 cause = f"{name}_blind"
-                fact = Fact.of(
-                    Code.SENSOR_BLIND,
-                    interlock=cause,
-                    flaw=self.sensor_flaws[name],
-                    limit_s=self._blindness.limit_s,
-                )
+                flaw, limit_s = self.sensor_flaws[name], self._blindness.limit_s
+                fact = Fact.of(Code.SENSOR_BLIND, interlock=cause, flaw=flaw, limit_s=limit_s)
                 self._standing[cause] = before.get(cause, fact)
         for cause, fact in self._standing.items():
             if cause not in before:
@@ -373,11 +349,8 @@ class SafetyMonitor:
     def _judge(self, item: Interlock, value: float, elapsed_s: float) -> None:
         """Determine the level of an interlock."""
         present, runs = self._levels[item.name], self._runs[item.name]
-        period_s, limit_s, leaving = (
-            self._machine.settings.tick_period_s,
-            self._persistence_s,
-            self._leaving[item.name],
-        )
+        period_s, leaving = self._machine.settings.tick_period_s, self._leaving[item.name]
+        limit_s = self._persistence_s
         shown = item.level(value, present)
         if (free := self._free.get(item.name)) is not None:
             stopped = self._machine.mode is Mode.SAFE_STOP
@@ -385,19 +358,16 @@ class SafetyMonitor:
             if free.reaches(limit_s, period_s):
                 self._was_free.add(item.name)
         for level in _ORDER:
-            runs[level].note(_ORDER.index(shown) >= _ORDER.index(level), elapsed_s, period_s)
+            runs[level].note(shown >= level, elapsed_s, period_s)
         leaves = present is Severity.TRIP and shown is not Severity.TRIP
         leaving.note(leaves, elapsed_s, period_s)
         if leaves and not leaving.reaches(limit_s, period_s):
             return
-        lasting = (
-            level for level in _ORDER if level is present or runs[level].reaches(limit_s, period_s)
-        )
-        level = min(shown, max(lasting, key=_ORDER.index), key=_ORDER.index)
+        lasting = {level for level in _ORDER if runs[level].reaches(limit_s, period_s)}
+        level = min(shown, max({present, *lasting}))
         if level is present:
             return
         self._levels[item.name] = level
-        fact = self._causes[item.name] = Fact.of(
-            Code.INTERLOCK, interlock=item.name, level=level, quantity=item.quantity, value=value
-        )
+        data = {"interlock": item.name, "quantity": item.quantity}
+        fact = self._causes[item.name] = Fact.of(Code.INTERLOCK, level=level, value=value, **data)
         self._machine.log(_LOG_LEVELS[level], "interlock", fact.code, **fact.data)

@@ -12,8 +12,7 @@ from rclpy.node import Node
 from rclpy.service import Service
 from rclpy.task import Future
 
-from fsw_control import units
-from fsw_control.contract import Command
+from fsw_control import messages_ros as convert
 from fsw_msgs.srv import ListControllers, OperatorRequest, SetMode, SwitchController
 from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter
@@ -71,20 +70,18 @@ class OperatorServices:
     async def _on_switch(
         self, request: SwitchController.Request, response: SwitchController.Response
     ) -> SwitchController.Response:
-        if request.strictness not in (
-            SwitchController.Request.BEST_EFFORT,
-            SwitchController.Request.STRICT,
-        ):
-            return _respond(
-                response, Answer.refused(Code.UNKNOWN_STRICTNESS, strictness=request.strictness)
-            )
+        return _respond(response, await self._switch(request))
+
+    async def _switch(self, request: SwitchController.Request) -> Answer:
+        best_effort, strictness = request.BEST_EFFORT, request.strictness
+        if strictness not in (best_effort, request.STRICT):
+            return Answer.refused(Code.UNKNOWN_STRICTNESS, strictness=strictness)
         if not await self._leads():
-            return _respond(response, _ON_STANDBY)
-        timeout_s = request.timeout.sec + request.timeout.nanosec * 1e-9
-        strict = request.strictness == SwitchController.Request.STRICT
-        switch = self._arbiter.operator.ask_switch(
-            request.name, strict, timeout_s, "operator", time.monotonic()
-        )
+            return _ON_STANDBY
+        now_s, timeout = time.monotonic(), request.timeout
+        ask = self._arbiter.operator.ask_switch
+        timeout_s = timeout.sec + timeout.nanosec * 1e-9
+        switch = ask(request.name, strictness != best_effort, timeout_s, "operator", now_s)
         self._publish([])
         if not switch.done:
             answered: Future = Future(executor=self._node.executor)
@@ -95,33 +92,26 @@ class OperatorServices:
         if answer.ok and self._arbiter.machine.active == request.name:
             confirmation = self._confirmations.of_source(request.name, time.monotonic())
             answer = await self._confirmed(confirmation, answer)
-        return _respond(response, answer)
+        return answer
 
     def _on_list(
         self, request: ListControllers.Request, response: ListControllers.Response
     ) -> ListControllers.Response:
         response.active = self._arbiter.machine.active
         response.mode = self._arbiter.machine.standing.mode
-        response.controllers = [
-            reports.health(self._arbiter, record) for record in self._arbiter.registry
-        ]
+        records = self._arbiter.registry
+        response.controllers = [reports.health(self._arbiter, record) for record in records]
         return response
 
     async def _on_set_mode(
         self, request: SetMode.Request, response: SetMode.Response
     ) -> SetMode.Response:
-        manual = Command(
-            units.kn_from_n(request.axial_force), units.rpm_from_rad_s(request.spindle_speed)
-        )
-        answer = await self._ask(
-            lambda: self._arbiter.operator.ask_mode(request.mode, manual, "operator"),
-            lambda now_s: (
-                self._confirmations.of_stop(now_s)
-                if request.mode == Mode.SAFE_STOP
-                else self._confirmations.of_mode(Mode(request.mode), now_s)
-            ),
-        )
-        return _respond(response, answer)
+        mode, confirmations = request.mode, self._confirmations
+        ask = partial(self._arbiter.operator.ask_mode, mode, convert.command(request), "operator")
+        confirmation = confirmations.of_stop
+        if mode != Mode.SAFE_STOP:
+            confirmation = partial(confirmations.of_mode, mode)
+        return _respond(response, await self._ask(ask, confirmation))
 
     async def _on_acknowledge(
         self, request: OperatorRequest.Request, response: OperatorRequest.Response

@@ -89,9 +89,8 @@ class StartUp:
         elif self._in_force.seen is not None:
             self._begin_from(tick, self._in_force.seen, Code.FROM_COMMAND)
         elif candidate is not None and not candidate.refusal:
-            self._begin_from(
-                tick, candidate.command, Code.FROM_PROPOSAL, controller=machine.target
-            )
+            command = candidate.command
+            self._begin_from(tick, command, Code.FROM_PROPOSAL, controller=machine.target)
         elif machine.mode is Mode.MANUAL and manual is not None:
             self._begin_from(tick, manual, Code.FROM_OPERATOR)
         else:
@@ -104,14 +103,8 @@ class StartUp:
         # Proposals that arrived before were checked without a rate limit.
         self._registry.check_again(tick)
         if self._machine.tick - self._begun_tick > 1:  # else one message covers successive ticks
-            self._machine.log(
-                Level.INFO,
-                "start",
-                Code.TAKING_OVER,
-                force_kn=applied.force_kn,
-                speed_rpm=applied.speed_rpm,
-                origin=Fact(origin, data),
-            )
+            values = {**applied._asdict(), "origin": Fact(origin, data)}
+            self._machine.log(Level.INFO, "start", Code.TAKING_OVER, **values)
         self._begun_tick = self._machine.tick
         return applied
 
@@ -137,10 +130,9 @@ class StartUp:
             return True
         if final:
             return self._heard(now_s)
-        reported = [
-            record.status_seen for record in self._registry if record.name in tick.candidates
-        ]
-        return self._listened(now_s) and bool(reported) and all(reported)
+        proposing = [record for record in self._registry if record.name in tick.candidates]
+        reported = bool(proposing) and all(record.status_seen for record in proposing)
+        return reported and self._listened(now_s)
 
     # ---------------------------------------------------------------- the mode start
 
@@ -175,9 +167,8 @@ class StartUp:
                 machine.fire(Cause.ABANDONED, Reason(ReasonCode.ABANDONED, subject=name), "start")
                 return Reason()
             if not self.was_active and (substitute := self._substitute(tick)):
-                machine.fire(
-                    Cause.READY, Reason(ReasonCode.SUBSTITUTED, subject=name), "start", substitute
-                )
+                reason = Reason(ReasonCode.SUBSTITUTED, subject=name)
+                machine.fire(Cause.READY, reason, "start", substitute)
                 return Reason()
         machine.explain(Reason(ReasonCode.WAITING_FOR_CONTROLLER, subject=name, because=why_not))
         return machine.reason
@@ -191,28 +182,18 @@ class StartUp:
         """
         name, applied = self.was_active, self._in_force.applied
         candidate = tick.candidates.get(name)
-        if (
-            not self._in_force.before_first
-            or candidate is None
-            or not candidate.jump
-            or applied is None
-        ):
+        if not (self._in_force.before_first and candidate and candidate.jump and applied):
             return
-        limits, proposed, force_kn = (
-            self._machine.settings.drive_limits,
-            candidate.command,
-            applied.force_kn,
-        )
+        limits, proposed = self._machine.settings.drive_limits, candidate.command
+        force_kn = applied.force_kn
         # Less force than proposed is the plant's own ramp and is kept; more is a disturbance, as
         # is any other speed.
         if force_kn - proposed.force_kn > limits.force_step_kn:
             force_kn = proposed.force_kn
-        applied = self._begin_from(
-            tick, Command(force_kn, proposed.speed_rpm), Code.FROM_BOTH, controller=name
-        )
-        tick.candidates[name] = check(
-            name, ProposalInput(tick.stamp_ns, name, proposed), applied, limits
-        )
+        between = Command(force_kn, proposed.speed_rpm)
+        applied = self._begin_from(tick, between, Code.FROM_BOTH, controller=name)
+        again = ProposalInput(tick.stamp_ns, name, proposed)
+        tick.candidates[name] = check(name, again, applied, limits)
 
     def _substitute(self, tick: Tick) -> str:
         """Fallback with enough good proposals to replace an absent configured controller."""

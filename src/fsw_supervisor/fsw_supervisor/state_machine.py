@@ -44,56 +44,33 @@ class Transition(NamedTuple):
     meaning: str
 
 
-def _but(mode: Mode) -> tuple[Mode, ...]:
-    return tuple(item for item in Mode if item is not mode)
+def _to(target: Mode, trigger: Cause, meaning: str) -> list[Transition]:
+    """Rows from every other mode to ``target``."""
+    return [Transition(mode, trigger, target, meaning) for mode in Mode if mode is not target]
 
 
 _FREE = "operator, after acknowledging a safe_stop"
-_BEFORE = "before its first command: a safe_stop was in force"
-_HEARD = "another part of the weld holds a safe_stop"
+_ABANDONED = "in mid-weld, the previously active controller sends nothing"
+_BACK, _BLIND = "target auto, a controller is ready again", "a sensor is invalid for too long"
 
 TRANSITIONS: tuple[Transition, ...] = (
     Transition(Mode.START, Cause.READY, Mode.AUTO, "first good proposal"),
-    Transition(
-        Mode.START,
-        Cause.ABANDONED,
-        Mode.HOLD,
-        "in mid-weld, the previously active controller sends nothing",
-    ),
+    Transition(Mode.START, Cause.ABANDONED, Mode.HOLD, _ABANDONED),
     Transition(Mode.AUTO, Cause.INTERRUPTED, Mode.START, "measurements are back after a gap"),
-    *(
-        Transition(m, Cause.OPERATOR_AUTO, Mode.AUTO, f"{_FREE}, a controller is ready")
-        for m in _but(Mode.AUTO)
-    ),
-    *(
-        Transition(m, Cause.OPERATOR_MANUAL, Mode.MANUAL, f"{_FREE}, values in limits")
-        for m in _but(Mode.MANUAL)
-    ),
-    *(Transition(m, Cause.OPERATOR_HOLD, Mode.HOLD, _FREE) for m in _but(Mode.HOLD)),
-    *(
-        Transition(m, Cause.OPERATOR_SAFE_STOP, Mode.SAFE_STOP, "operator")
-        for m in _but(Mode.SAFE_STOP)
-    ),
+    *_to(Mode.AUTO, Cause.OPERATOR_AUTO, f"{_FREE}, a controller is ready"),
+    *_to(Mode.MANUAL, Cause.OPERATOR_MANUAL, f"{_FREE}, values in limits"),
+    *_to(Mode.HOLD, Cause.OPERATOR_HOLD, _FREE),
+    *_to(Mode.SAFE_STOP, Cause.OPERATOR_SAFE_STOP, "operator"),
     Transition(Mode.AUTO, Cause.NO_CONTROLLER, Mode.HOLD, "no usable controller left"),
     Transition(Mode.AUTO, Cause.STORM, Mode.HOLD, "too many automatic swaps"),
-    Transition(
-        Mode.HOLD, Cause.CONTROLLER_BACK, Mode.AUTO, "target auto, a controller is ready again"
-    ),
+    Transition(Mode.HOLD, Cause.CONTROLLER_BACK, Mode.AUTO, _BACK),
     Transition(Mode.HOLD, Cause.HOLD_TIMEOUT, Mode.SAFE_STOP, "held too long"),
     Transition(Mode.START, Cause.START_TIMEOUT, Mode.SAFE_STOP, "no controller available"),
-    Transition(
-        Mode.MANUAL, Cause.BLIND_TIMEOUT, Mode.SAFE_STOP, "a sensor is invalid for too long"
-    ),
-    *(Transition(m, Cause.RESTARTED, Mode.SAFE_STOP, _BEFORE) for m in _but(Mode.SAFE_STOP)),
-    *(Transition(m, Cause.STOP_HEARD, Mode.SAFE_STOP, _HEARD) for m in _but(Mode.SAFE_STOP)),
-    *(
-        Transition(m, Cause.CLOCK_STOPPED, Mode.SAFE_STOP, "stamps do not advance")
-        for m in _but(Mode.SAFE_STOP)
-    ),
-    *(
-        Transition(m, Cause.INTERLOCK_TRIP, Mode.SAFE_STOP, "an interlock is tripped")
-        for m in _but(Mode.SAFE_STOP)
-    ),
+    Transition(Mode.MANUAL, Cause.BLIND_TIMEOUT, Mode.SAFE_STOP, _BLIND),
+    *_to(Mode.SAFE_STOP, Cause.RESTARTED, "before its first command: a safe_stop was in force"),
+    *_to(Mode.SAFE_STOP, Cause.STOP_HEARD, "another part of the weld holds a safe_stop"),
+    *_to(Mode.SAFE_STOP, Cause.CLOCK_STOPPED, "stamps do not advance"),
+    *_to(Mode.SAFE_STOP, Cause.INTERLOCK_TRIP, "an interlock is tripped"),
 )
 
 #: cause of a safe stop by its trigger; with ``STOP_HEARD`` the cause comes from elsewhere
@@ -107,9 +84,7 @@ STOP_CAUSES = {
     Cause.CLOCK_STOPPED: StopCause.CLOCK,
 }
 
-_TABLE: dict[tuple[Mode, Cause], Mode] = {
-    (row.source, row.trigger): row.target for row in TRANSITIONS
-}
+_TABLE = {(row.source, row.trigger): row.target for row in TRANSITIONS}
 
 
 def next_mode(mode: Mode, trigger: Cause) -> Mode | None:
@@ -202,9 +177,8 @@ class Machine:
 
     def elapsed(self, since_ns: int, limit_s: float) -> bool:
         """Whether ``limit_s`` has passed since a time, to the nearest tick because of jitter."""
-        return (
-            self.time_ns - since_ns
-        ) / NANOSECONDS >= limit_s - self.settings.tick_period_s / 2.0
+        elapsed_s = (self.time_ns - since_ns) / NANOSECONDS
+        return elapsed_s >= limit_s - self.settings.tick_period_s / 2.0
 
     @property
     def standing(self) -> Standing:
@@ -219,9 +193,8 @@ class Machine:
 
     def storming(self) -> bool:
         """Whether there were too many automatic swaps recently."""
-        recent = sum(
-            not self.elapsed(time_ns, self.settings.storm_window_s) for time_ns in self._automatic
-        )
+        window_s = self.settings.storm_window_s
+        recent = sum(not self.elapsed(time_ns, window_s) for time_ns in self._automatic)
         return recent >= self.settings.storm_swaps > 0
 
     def fire(self, trigger: Cause, reason: Reason, who: str, controller: str = "") -> None:
@@ -241,9 +214,8 @@ class Machine:
         self.slewing = self.settings.transition_ticks if target is Mode.AUTO else 0
         if trigger is Cause.CONTROLLER_BACK:
             self._automatic.append(self.time_ns)
-        code, data = (
-            (Code.MODE_WITH, {"controller": controller}) if self.active else (Code.MODE, {})
-        )
+        data = {"controller": controller} if self.active else {}
+        code = Code.MODE_WITH if self.active else Code.MODE
         self._note(trigger, reason, who, code, before=before, mode=target, **data)
 
     def _enter(self, mode: Mode) -> None:

@@ -53,27 +53,22 @@ class SupervisorNode(LightNode, Node):
         self._values = ParameterValues(self, SupervisorParameters)
         values = self._values.values
         lockstep = values["lockstep"]
-        self._arbiter = Arbiter(
-            SupervisorParameters.from_values(values),
-            lockstep=bool(self.get_parameter("use_sim_time").value)
-            if lockstep == "auto"
-            else lockstep == "on",
-        )
-        self._values.on_change(
-            lambda changed: self._arbiter.configure(SupervisorParameters.from_values(changed))
-        )
-        self._failover = Failover(
-            self._arbiter, uuid.uuid4().hex[:12], values["standby"], time.monotonic()
-        )
+        is_lockstep = lockstep == "on"
+        if lockstep == "auto":
+            is_lockstep = bool(self.get_parameter("use_sim_time").value)
+        read = SupervisorParameters.from_values
+        self._arbiter = Arbiter(read(values), is_lockstep)
+        self._values.on_change(lambda changed: self._arbiter.configure(read(changed)))
+        identity, now_s = uuid.uuid4().hex[:12], time.monotonic()
+        self._failover = Failover(self._arbiter, identity, values["standby"], now_s)
         self._role: Role | None = None
         self._commands: Publisher | None = None
         self._states: Publisher | None = None
         self._leadership = Leadership(self, self._failover)
         lockstep_wait_s = 2.0 * values["lockstep_deadline_s"] if self._arbiter.lockstep else 0.0
         self._confirmations = Confirmations(self._failover, lockstep_wait_s)
-        self._operator_services = OperatorServices(
-            self, self._arbiter, self._leadership.certain, self._confirmations, self._publish
-        )
+        parts = self._arbiter, self._leadership.certain, self._confirmations, self._publish
+        self._operator_services = OperatorServices(self, *parts)
         self._stop = StopHolder(self, self._arbiter.machine.register, self._on_stop)
         self._diagnostics = DiagnosticsPublisher(self, "fsw_supervisor")
         self._command_topic = self.resolve_topic_name("fsw/command")
@@ -86,25 +81,18 @@ class SupervisorNode(LightNode, Node):
                 depth_mm, temperature_c, self._values.values
             ),
         )
-        self._controllers = ControllerTopics(
-            self,
-            self._arbiter.registry,
-            self._on_proposal,
-            self._on_status,
-            self._kept_reference.listen_to,
-        )
+        takers = self._on_proposal, self._on_status, self._kept_reference.listen_to
+        self._controllers = ControllerTopics(self, self._arbiter.registry, *takers)
         self.create_subscription(DriveFeedback, "fsw/drives", self._on_drives, STREAM)
         subscribe_sensors(self, self._on_sample, self._arbiter.on_depth_deviation)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
-        self.create_subscription(
-            SupervisorState, "fsw/supervisor/state", self._on_leader_state, LATEST
-        )
+        states = "fsw/supervisor/state"
+        self.create_subscription(SupervisorState, states, self._on_leader_state, LATEST)
         for name in (values["controller"], *values["fallbacks"]):
             self._controllers.subscribe(name)
         self._wakeup = DeadlineTimer(self, self._on_wakeup)
-        self._housekeeping = self.create_timer(
-            _HOUSEKEEPING_S, self._on_housekeeping, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_HOUSEKEEPING_S, self._on_housekeeping, clock=steady)
         self._on_housekeeping()
 
     # ---------------------------------------------------------------- topics
@@ -146,13 +134,11 @@ class SupervisorNode(LightNode, Node):
                 for item in message.controllers
                 if item.latched_out
             }
+            mode, controller = message.actual_mode, message.actual_controller
             cause, why = Cause(message.cause), Reason.of_messages(message.why)
-            actual = Standing(
-                message.actual_mode, message.actual_controller, cause, why, message.who
-            )
-            self._arbiter.follow_operator(
-                message.target_controller, message.target_mode, inhibited, actual
-            )
+            actual = Standing(mode, controller, cause, why, message.who)
+            target = message.target_controller, message.target_mode
+            self._arbiter.follow_operator(*target, inhibited, actual)
         self._publish([])
 
     def _on_wakeup(self) -> None:
@@ -227,11 +213,8 @@ class SupervisorNode(LightNode, Node):
             else:
                 self.get_logger().debug(text)
         if self._states is not None and self._role is Role.ACTIVE:
-            self._states.publish(
-                reports.state(
-                    self._arbiter, self.get_clock().now().to_msg(), self._failover.signature
-                )
-            )
+            now, signature = self.get_clock().now().to_msg(), self._failover.signature
+            self._states.publish(reports.state(self._arbiter, now, signature))
 
     # ---------------------------------------------------------------- graph
 
@@ -250,18 +233,15 @@ class SupervisorNode(LightNode, Node):
             self._diagnose()
 
     def _diagnose(self) -> None:
-        if (
-            self._role is Role.LISTENING
-        ):  # for a second at most; whoever watches would miss the report afterwards
+        if self._role is Role.LISTENING:
+            # for a second at most; whoever watches would miss the report afterwards
             return
         if self._role is not Role.ACTIVE:
             line = reports.standby(str(self._role), self._failover.unanswered, self.get_name())
             self._diagnostics.publish([line])
             return
-        namesakes = {
-            record.name: self._controllers.proposers(record.name)
-            for record in self._arbiter.registry
-        }
+        names = [record.name for record in self._arbiter.registry]
+        namesakes = {name: self._controllers.proposers(name) for name in names}
         limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
         writers = self.count_publishers(self._command_topic)
         lines = reports.diagnostics(self._arbiter, writers, namesakes, limits)

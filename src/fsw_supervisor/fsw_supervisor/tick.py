@@ -41,9 +41,8 @@ def check(
     """Check a proposal of controller ``name``; without ``previous`` the rate is not checked."""
     command = proposal.command
     if proposal.source != name:
-        return Candidate(
-            command, Reason(ReasonCode.OTHER_SOURCE, subject=proposal.source[:40]), malformed=True
-        )
+        reason = Reason(ReasonCode.OTHER_SOURCE, subject=proposal.source[:40])
+        return Candidate(command, reason, malformed=True)
     if not proposal.healthy:
         return Candidate(command, proposal.reason or Reason(ReasonCode.UNHEALTHY))
     refused = refusal(command, limits, previous)
@@ -55,9 +54,7 @@ def check(
 
 def same(first: Command, other: Command) -> bool:
     """Whether two commands are equal up to the rounding of the unit conversion."""
-    return isclose(first.force_kn, other.force_kn, rel_tol=1e-9) and isclose(
-        first.speed_rpm, other.speed_rpm, rel_tol=1e-9
-    )
+    return all(map(isclose, first, other))  # by 1e-9 of the value
 
 
 @dataclass(frozen=True, slots=True)

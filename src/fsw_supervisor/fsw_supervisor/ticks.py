@@ -82,16 +82,9 @@ class Ticks:
             self._begin(stamp_ns)
         tick = self.present
         if tick is not None and stamp_ns == tick.stamp_ns:
-            known, tick.drives = (
-                tick.drives is not None,
-                self._in_force.feedback(stamp_ns) or tick.drives,
-            )
-            if (
-                self._starts_from_drives
-                and not known
-                and tick.drives is not None
-                and not (tick.settled or tick.answered)
-            ):
+            before, tick.drives = tick.drives, self._in_force.feedback(stamp_ns) or tick.drives
+            is_first = before is None and tick.drives is not None
+            if is_first and self._starts_from_drives and not (tick.settled or tick.answered):
                 self._in_force.forget()
             # of a depth that comes twice, the first one counts
             if stamp_ns == self._deviation[0] and isnan(tick.depth_deviation_mm):
@@ -144,11 +137,8 @@ class Ticks:
             self._machine.log(Level.ERROR, who, silence, limit_s=GAP_S)
         silent_s = self.now_s - self.present.started_s
         if silence is Code.CLOCK_STANDS and silent_s >= CLOCK_STOP_S:
-            self._machine.fire(
-                Cause.CLOCK_STOPPED,
-                Reason(ReasonCode.CLOCK_STOPPED, limit_s=CLOCK_STOP_S),
-                "clock",
-            )
+            reason = Reason(ReasonCode.CLOCK_STOPPED, limit_s=CLOCK_STOP_S)
+            self._machine.fire(Cause.CLOCK_STOPPED, reason, "clock")
 
     @property
     def _starts_from_drives(self) -> bool:
@@ -199,11 +189,8 @@ class Ticks:
             return round(self.now_s * NANOSECONDS)
         # In lockstep the wall clock is meaningless. If simulated time restarts, the time-outs
         # continue.
-        return (
-            self._machine.time_ns + stamp_ns - past.stamp_ns
-            if past and stamp_ns > past.stamp_ns
-            else None
-        )
+        is_later = past is not None and stamp_ns > past.stamp_ns
+        return self._machine.time_ns + stamp_ns - past.stamp_ns if past and is_later else None
 
     def _end(self, tick: Tick, gap: bool) -> None:
         """Settle a tick that is over: with a command, or without one after a gap."""
@@ -240,12 +227,8 @@ class Ticks:
         tick = self.present
         if tick is None or tick.settled:
             return
-        if (
-            self._starts_from_drives
-            and tick.drives is None
-            and not final
-            and self.now_s < tick.deadline_s
-        ):
+        awaits_drives = tick.drives is None and not final and self.now_s < tick.deadline_s
+        if awaits_drives and self._starts_from_drives:
             return
         self._arbitration.decide(tick, self.now_s, final)
         if tick.outcome is not None and tick.outcome.decision is None and not tick.answered:

@@ -46,23 +46,27 @@ def test_residuals_vanish_at_rest():
 @pytest.mark.parametrize("off", [-0.43, -0.15, 0.15, 0.4])
 def test_torque_off_what_a_plant_is_used_to_shows_for_good(share, off):
     weld = Weld(torque_nm=torque_nm(share=share))
-    assert weld.run(700).torque_percent == pytest.approx(0.0, abs=0.1)
+    assert weld.run(700).torque_residual_percent == pytest.approx(0.0, abs=0.1)
     wrong = torque_nm(share=share * (1.0 + off))
-    assert weld.tick(torque_nm=wrong).torque_percent == pytest.approx(100.0 * off, abs=0.1)
-    assert weld.run(6000, torque_nm=wrong).torque_percent == pytest.approx(100.0 * off, abs=0.1)
+    assert weld.tick(torque_nm=wrong).torque_residual_percent == pytest.approx(
+        100.0 * off, abs=0.1
+    )
+    assert weld.run(6000, torque_nm=wrong).torque_residual_percent == pytest.approx(
+        100.0 * off, abs=0.1
+    )
 
 
 @pytest.mark.requirement("S35")
 @pytest.mark.parametrize("share", [0.5, 1.6])
 def test_torque_that_was_never_right_shows(share):
-    assert abs(Weld(torque_nm=torque_nm(share=share)).run(700).torque_percent) > 8.0
+    assert abs(Weld(torque_nm=torque_nm(share=share)).run(700).torque_residual_percent) > 8.0
 
 
 def test_wear_does_not_count():
     """25 N m in a whole weld."""
     weld, worst = Weld(), 0.0
     for tick in range(27_000):
-        percent = weld.tick(torque_nm=torque_nm() + 25.0 * tick / 27_000).torque_percent
+        percent = weld.tick(torque_nm=torque_nm() + 25.0 * tick / 27_000).torque_residual_percent
         worst = max(worst, abs(percent))
     assert worst < 0.2
 
@@ -74,7 +78,7 @@ def test_a_slow_slip_that_sinks_the_tool_shows_before_it_is_deep(rate_mm_per_s):
     weld = Weld()
     weld.run(1000)
     true_mm = DEPTH_MM
-    while abs(weld.tick(torque_nm=torque_nm(depth_mm=true_mm)).torque_percent) < 8.0:
+    while abs(weld.tick(torque_nm=torque_nm(depth_mm=true_mm)).torque_residual_percent) < 8.0:
         true_mm += 0.1 * rate_mm_per_s
         assert true_mm < DEPTH_MM + 1.2
 
@@ -89,7 +93,9 @@ def test_force_that_moves_the_torque_and_the_depth_does_not_count():
             1.0 - math.exp(-0.1 / 0.27)
         )
         measured = process_nm + friction_torque_nm(MODEL, SPEED_RPM)
-        worst = max(worst, abs(weld.tick(force_kn=force_kn, torque_nm=measured).torque_percent))
+        worst = max(
+            worst, abs(weld.tick(force_kn=force_kn, torque_nm=measured).torque_residual_percent)
+        )
     assert worst < 0.5
 
 
@@ -99,7 +105,7 @@ def test_a_depth_that_moves_by_itself_shows(rate_mm_per_s):
     weld = Weld()
     weld.run(100)
     residuals = [
-        weld.tick(depth_mm=DEPTH_MM + 0.1 * k * rate_mm_per_s).depth_mm for k in range(60)
+        weld.tick(depth_mm=DEPTH_MM + 0.1 * k * rate_mm_per_s).depth_residual_mm for k in range(60)
     ]
     assert max(map(abs, residuals)) > 0.4
     assert residuals[-1] * rate_mm_per_s > 0.0
@@ -119,7 +125,7 @@ def test_a_depth_that_follows_the_force_does_not_count():
         slow += 0.1 / pole_s * (gain * 15.0 * (zero_s - pole_s) - slow)
         residual = weld.tick(
             force_kn=FORCE_KN + 15.0, depth_mm=depth_mm + slow, torque_nm=math.nan
-        ).depth_mm
+        ).depth_residual_mm
         worst = max(worst, abs(residual))
     assert depth_mm + slow > DEPTH_MM + 0.9
     assert worst < 0.02
@@ -131,7 +137,7 @@ def test_a_temperature_that_moves_by_itself_shows(rate_c_per_s):
     weld = Weld()
     weld.run(100)
     residuals = [
-        weld.tick(temperature_c=TEMPERATURE_C + 0.1 * k * rate_c_per_s).temperature_c
+        weld.tick(temperature_c=TEMPERATURE_C + 0.1 * k * rate_c_per_s).temperature_residual_c
         for k in range(300)
     ]
     assert max(map(abs, residuals)) > 90.0

@@ -49,9 +49,8 @@ class Program:
             with quiet_start():
                 program = getattr(import_module(module), function)
             return int(program() or 0)
-        except (
-            KeyboardInterrupt
-        ):  # between the imports and what takes care of signals from then on
+        except KeyboardInterrupt:
+            # between the imports and what takes care of signals from then on
             for sign in _SIGNALS:
                 signal.signal(sign, signal.SIG_IGN)
             return 0

@@ -9,10 +9,9 @@ class Problem(NamedTuple):
     """A problem in a file or request that a model describes."""
 
     path: str  #: of the value or missing key, as ``events[0].fault``; empty: all of it
-    kind: (
-        str  #: of pydantic's errors: ``missing``, ``extra_forbidden``, ``literal_error``, ...; or
-    )
+    #: of pydantic's errors: ``missing``, ``extra_forbidden``, ``literal_error``, ...; or
     #: ``outside`` its range, ``value_error`` where values contradict each other
+    kind: str
 
 
 class InputError(ValueError):

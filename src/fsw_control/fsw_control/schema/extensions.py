@@ -89,14 +89,11 @@ def extensions(group: str) -> dict[str, metadata.EntryPoint]:
         If two distributions give a name different meanings.
     """
     points: dict[str, metadata.EntryPoint] = {}
-    for point in sorted(
-        metadata.entry_points(group=group), key=lambda point: (point.name, point.value)
-    ):
+    for point in sorted(metadata.entry_points(group=group)):
         other = points.setdefault(point.name, point)
         if other.value != point.value:
-            raise InputError(
-                f"{group}: {point.name} is both {_words(other)} and {_words(point)}; uninstall one"
-            )
+            both = f"{_words(other)} and {_words(point)}"
+            raise InputError(f"{group}: {point.name} is both {both}; uninstall one")
     return points
 
 
@@ -116,9 +113,8 @@ def loaded(group: str, name: str) -> Any:
     except InputError:
         raise
     except Exception as error:  # a user's module may fail in any way
-        raise InputError(
-            f"{group}: {name} of {_words(point)}: {type(error).__name__}: {error}"
-        ) from error
+        text = f"{type(error).__name__}: {error}"
+        raise InputError(f"{group}: {name} of {_words(point)}: {text}") from error
 
 
 def program_path(program: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import fcntl
 import json
@@ -33,7 +32,7 @@ def write_status(**values: Any) -> None:
     path = os.environ.get(VARIABLE)
     if path is None:
         return
-    with contextlib.suppress(OSError):  # a full disk must not end the weld
+    with suppress(OSError):  # a full disk must not end the weld
         write_whole(Path(path), json.dumps(values))
 
 
@@ -73,9 +72,8 @@ def open_regular(path: str | Path) -> BinaryIO:
     OSError
         If it cannot be opened, or is not a regular file; ``strerror`` gives the remedy.
     """
-    _check_regular(
-        path, os.stat(path).st_mode
-    )  # opening a pipe or a device would already act on it
+    # opening a pipe or a device would already act on it
+    _check_regular(path, os.stat(path).st_mode)
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         _check_regular(path, os.fstat(descriptor).st_mode)
@@ -87,16 +85,12 @@ def open_regular(path: str | Path) -> BinaryIO:
 
 def _check_regular(path: str | Path, mode: int) -> None:
     if stat.S_ISDIR(mode):
-        raise IsADirectoryError(
-            errno.EISDIR, f"{os.strerror(errno.EISDIR)}; give a file", str(path)
-        )
+        text = f"{os.strerror(errno.EISDIR)}; give a file"
+        raise IsADirectoryError(errno.EISDIR, text, str(path))
     if not stat.S_ISREG(mode):
         kind = _KINDS.get(stat.S_IFMT(mode), "something else")
-        raise OSError(
-            errno.EINVAL,
-            f"{kind} and not a file; save its content in a file and give that",
-            str(path),
-        )
+        text = f"{kind} and not a file; save its content in a file and give that"
+        raise OSError(errno.EINVAL, text, str(path))
 
 
 def read_regular(path: str | Path, longest_bytes: int = LONGEST_BYTES) -> bytes:
@@ -111,9 +105,8 @@ def read_regular(path: str | Path, longest_bytes: int = LONGEST_BYTES) -> bytes:
         size_bytes = os.fstat(file.fileno()).st_size
         content = file.read(longest_bytes + 1) if size_bytes <= longest_bytes else b""
     if max(size_bytes, len(content)) > longest_bytes:
-        raise OSError(
-            errno.EINVAL, f"larger than {longest_bytes} bytes; give a smaller file", str(path)
-        )
+        text = f"larger than {longest_bytes} bytes; give a smaller file"
+        raise OSError(errno.EINVAL, text, str(path))
     return content
 
 

@@ -170,9 +170,7 @@ def validated_by(check: Callable[..., T], content: Any, where: str) -> T:
         return check(content, context=models)
     except ValidationError as error:
         first = islice(error.errors(include_url=False), _MOST_COMPARED)
-        found_problems = dict.fromkeys(
-            _problem(error_details, content, models) for error_details in first
-        )
+        found_problems = dict.fromkeys(_problem(item, content, models) for item in first)
         problems, texts = tuple(one.problem for one in found_problems), list(found_problems)
         if len(texts) > _MOST_PROBLEMS:
             more = len(texts) - _MOST_PROBLEMS + max(0, error.error_count() - _MOST_COMPARED)
@@ -220,12 +218,10 @@ def descriptions(model: type[BaseModel]) -> dict[str, str]:
         name: field.description for name, field in model.model_fields.items() if field.description
     }
     for base in reversed(model.__mro__):
-        if (
-            not issubclass(base, Model)
-            or base is Model
-            or base.__pydantic_generic_metadata__["origin"]
-        ):
-            # a generic model with its types has no source of its own, only its base has
+        if not issubclass(base, Model) or base is Model:
+            continue
+        # a generic model with its types has no source of its own, only its base has
+        if base.__pydantic_generic_metadata__["origin"]:
             continue
         try:
             (definition,) = ast.parse(dedent(inspect.getsource(base))).body
@@ -250,9 +246,8 @@ def json_schema(model: type[Model]) -> dict[str, Any]:
 def range_of(model: type[Model], field: str) -> Range:
     """Range of a number in a model."""
     info = model.model_fields[field]
-    inside = (
-        item for kind in get_args(info.annotation) for item in get_args(kind)[1:]
-    )  # of an optional one
+    # of an optional one
+    inside = (item for kind in get_args(info.annotation) for item in get_args(kind)[1:])
     return next(item for item in (*info.metadata, *inside) if isinstance(item, Range))
 
 
@@ -276,11 +271,9 @@ class _GenerateJsonSchema(GenerateJsonSchema):
 
     def default_schema(self, schema: core_schema.WithDefaultSchema) -> JsonSchemaValue:
         document = super().default_schema(schema)
-        return {
-            key: value
-            for key, value in document.items()
-            if key != "default" or value not in (None, [])
-        }
+        if document.get("default") in (None, []):
+            document.pop("default", None)
+        return document
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
@@ -348,10 +341,8 @@ def _text(error: ErrorDetails) -> str:
     if kind == "union_tag_not_found":
         return f"lacks {_plain(ctx['discriminator'])}"
     if kind == "union_tag_invalid":
-        return (
-            f"has {_plain(ctx['discriminator'])} {ctx['tag']!r}; "
-            f"one of {_plain(ctx['expected_tags'])}"
-        )
+        tags = _plain(ctx["expected_tags"])
+        return f"has {_plain(ctx['discriminator'])} {ctx['tag']!r}; one of {tags}"
     if kind == "literal_error":
         return f"is {shown}; one of {_plain(ctx['expected'])}"
     if kind == "string_pattern_mismatch" and ctx["pattern"] == _NAME:

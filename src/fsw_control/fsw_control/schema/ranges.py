@@ -30,9 +30,8 @@ class Range:
 
         def check(value: Any) -> Any:
             if isinstance(value, bool) or not isinstance(value, int | float):
-                raise PydanticCustomError(
-                    "not_a_number", "{text}", {"text": f"is {value!r:.60}, not a number ({self})"}
-                )
+                text = f"is {value!r:.60}, not a number ({self})"
+                raise PydanticCustomError("not_a_number", "{text}", {"text": text})
             if complaint := self.complaint(value):
                 raise PydanticCustomError("outside", "{text}", {"text": f"= {complaint}"})
             return value
