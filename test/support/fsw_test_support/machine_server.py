@@ -34,6 +34,7 @@ from fsw_control import Command, weld
 from fsw_control.command_check import refusal
 from fsw_control.schema.models import InputError
 from fsw_control.sensors import SENSORS
+from fsw_control.units import NANOSECONDS
 from fsw_machine.certificates import SecurityError, check_key, der, now, read_certificate
 from fsw_machine.machine_file import WRITTEN, MachineFile
 from fsw_machine.opcua_link import node_id, password
@@ -106,6 +107,7 @@ class MachineServer:
         self.is_open = False
         self.permissive = permissive
         self._wanted: dict[str, float] = {}
+        self._largest_move = 1.0
         self._cycles: dict[int, tuple[int, float]] = {}
         self._server = Server(user_manager=_Users(machine))
         self._ids: dict[str, ua.NodeId] = {}
@@ -287,7 +289,21 @@ class MachineServer:
             return ua.StatusCode(ua.StatusCodes.BadInvalidState)
         self.latencies_s[heartbeat] = time.monotonic() - begun_s
         self.taken.append((heartbeat, command, before))
+        self._note_move(command, before)
         return ua.StatusCode()
+
+    def _note_move(self, command: Command, before: Command) -> None:
+        """Print the largest move of the set-points so far, in moves of a tick, where it is more than one."""
+        moves = moves_between(command, before)
+        if moves > self._largest_move + 1e-6:
+            self._largest_move = moves
+            print(f"largest move so far: {moves:.3f}", flush=True)
+
+
+def moves_between(first: Command, other: Command) -> float:
+    """Distance of two commands, in largest moves of a tick."""
+    force = abs(first.force_kn - other.force_kn) / weld.FORCE_STEP_KN
+    return max(force, abs(first.speed_rpm - other.speed_rpm) / weld.SPEED_STEP_RPM)
 
 
 class _Users:
@@ -352,6 +368,13 @@ def parser() -> argparse.ArgumentParser:
         help=f"start with the operator's switch ({SWITCH}) off",
     )
     made.add_argument(
+        "--clock-step-s",
+        type=float,
+        default=0.0,
+        metavar="S",
+        help="at SIGUSR1 the clock of the stamps steps by this, and back",
+    )
+    made.add_argument(
         "--report",
         type=Path,
         metavar="FILE",
@@ -382,6 +405,13 @@ async def serve(arguments: argparse.Namespace) -> None:
         flush=True,
     )
     task = asyncio.ensure_future(server.run())
+
+    def step_clock() -> None:
+        server.clock_offset_ns = (
+            0 if server.clock_offset_ns else round(arguments.clock_step_s * NANOSECONDS)
+        )
+
+    asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, step_clock)
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, task.cancel)
     with contextlib.suppress(asyncio.CancelledError):
