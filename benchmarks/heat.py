@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import cache, partial
 from itertools import product
 from pathlib import Path
@@ -25,7 +26,7 @@ if __name__ == "__main__":
     ensure(extras=("canister",))
 
 import numpy as np
-from canister.verdict import phase_rows
+from canister.verdict import AT_MOST_S, DEPTH_MM, TEMPERATURE_C, phase_rows
 from report import parser, save, show
 
 from fsw_analysis.report import templates
@@ -71,6 +72,9 @@ PHASES = ("start", "downward", "joint_line", "overlap", "parking")
 RIVALS = ("decentral:tight", "nmpc:default")
 CONTROLLERS = (*RIVALS, "model", "computed", *(f"learned from {n}" for n in LEARNED))
 MOST_COST = 1.1  #: that a wrong profile may have
+#: a weld that shows what the spindle can give, and the share of both limits by which its
+#: set-points are raised (chosen: the rest is for the errors of the loop)
+HOTTEST, RAISED = "hottest", 0.9
 
 
 class Task(NamedTuple):
@@ -82,6 +86,30 @@ class Task(NamedTuple):
     end_deg: float = SHORT_DEG
     model: str = ""  #: model file; none: the paper's
     profile: object = None
+
+
+class Raised:
+    """A controller with both set-points raised: no weld inside the limits is much hotter or deeper."""
+
+    def __init__(self, controller):
+        self._controller = controller
+
+    def __getattr__(self, name):
+        return getattr(self._controller, name)
+
+    def step(self, measurement, reference, applied, dt_s):
+        """One tick."""
+        coming = tuple(one._replace(**higher(one)) for one in reference.coming)
+        raised = replace(reference, coming=coming, **higher(reference))
+        return self._controller.step(measurement, raised, applied, dt_s)
+
+
+def higher(set_points):
+    """Set-points that many limits higher."""
+    return {
+        "depth_mm": set_points.depth_mm + RAISED * DEPTH_MM,
+        "temperature_c": set_points.temperature_c + RAISED * TEMPERATURE_C,
+    }
 
 
 @cache
@@ -113,6 +141,8 @@ def signals_of(task):
     scenario = scenario_of(task.kind, task.canister, task.end_deg, name)
     parameters = {name: {"model_file": task.model}} if task.model else {}
     controllers = make_all(scenario, label, parameters)
+    if task.label == HOTTEST:
+        controllers = {name: Raised(one) for name, one in controllers.items()}
     return scenario, ClosedLoop(scenario, controllers, task.profile).run()
 
 
@@ -158,6 +188,15 @@ def tasks_of(kind, canister, profiles, models):
     for profile in (*others, mirrored(own)):
         wrong = profile.changed(model=own.model)  # or it would be refused
         yield Task(kind, canister, f"wrong: {profile.type}", SHORT_DEG, model, wrong)
+
+
+def hottest(rows, profiles, models):
+    """A weld that shows whether the spindle is to blame, for each canister with a phase outside its limits."""
+    for row in rows:
+        task, phases = row["task"], row["phases"]
+        if task.label == CONTROLLERS[-1] and not all(phases[name]["good"] for name in PHASES):
+            known = profiles[task.kind, LEARNED[-1]]
+            yield task._replace(label=HOTTEST, model=models[task.kind], profile=known)
 
 
 def whole_tasks(profiles, models):
@@ -238,8 +277,8 @@ def moved(rows):
     return table
 
 
-def inside(rows):
-    """By controller, the share of all phases that were inside their limits."""
+def inside(rows, without=()):
+    """By controller, the share of all phases, but for some, that were inside their limits."""
     short = [row for row in rows if row["task"].end_deg == SHORT_DEG]
     return {
         label: float(
@@ -249,11 +288,48 @@ def inside(rows):
                     for row in short
                     if row["task"].label == label
                     for phase in PHASES
+                    if (row["task"].kind, row["task"].canister, phase) not in without
                 ]
             )
         )
         for label in CONTROLLERS
     }
+
+
+def beyond(rows):
+    """Phases, by type and canister, that the highest speed leaves too cold even with raised set-points."""
+    return {
+        (row["task"].kind, row["task"].canister, phase)
+        for row in rows
+        if row["task"].label == HOTTEST
+        for phase in PHASES
+        if row["phases"][phase]["cold_s"] > AT_MOST_S
+    }
+
+
+def outside(rows):
+    """Each phase outside its limits with what is known best: seconds outside, too cold, at the highest speed."""
+    hot = {
+        (row["task"].kind, row["task"].canister): row["phases"]
+        for row in rows
+        if row["task"].label == HOTTEST
+    }
+    return [
+        {
+            "kind": row["task"].kind,
+            "canister": row["task"].canister,
+            "phase": phase,
+            "hottest_cold_s": hot[row["task"].kind, row["task"].canister][phase]["cold_s"],
+        }
+        | {
+            name: row["phases"][phase][name]
+            for name in ("outside_s", "cold_s", "fastest_s", "temperature_peak_c", "depth_peak_mm")
+        }
+        for row in rows
+        if row["task"].label == CONTROLLERS[-1] and row["task"].end_deg == SHORT_DEG
+        for phase in PHASES
+        if not row["phases"][phase]["good"]
+    ]
 
 
 def comparison(rows):
@@ -266,7 +342,7 @@ def comparison(rows):
     found = []
     for row in rows:
         task = row["task"]
-        if task.end_deg == SHORT_DEG and task.label not in (*RIVALS, "model"):
+        if task.end_deg == SHORT_DEG and task.label not in (*RIVALS, "model", HOTTEST):
             other = without[task.kind, task.canister]["rms_c"]
             found.append(
                 (task.label, task.kind, task.canister, row["rms_c"] / other, row["share"])
@@ -315,7 +391,8 @@ def main():
         parts += [list(whole_tasks(profiles, models))] if whole else []
         for i, part in enumerate(parts):
             if time.monotonic() < until_s or (whole and i + 1 == len(parts)):
-                rows += pool.map(measured, part)
+                done = list(pool.map(measured, part))
+                rows += done + list(pool.map(measured, hottest(done, profiles, models)))
             print(f"\r{i + 1} of {len(parts)} canisters", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     publish(rows, profiles, chosen)
@@ -324,12 +401,24 @@ def main():
 def publish(rows, profiles, chosen):
     """Print the figures, save them, and write the page."""
     figures, table = overall(rows), figures_of(rows)
-    figures |= {f"{label}: share of phases inside": share for label, share in inside(rows).items()}
+    shares = {"inside": inside(rows), "inside, of those in reach": inside(rows, beyond(rows))}
+    figures |= {
+        f"{label}: share of phases {word}": share
+        for word, of in shares.items()
+        for label, share in of.items()
+    }
+    far = outside(rows)
     figures |= {
         f"{label}: speed moved, {part}: {key}": value
         for label, parts in moved(rows).items()
         for part, values in zip(("downward", "all"), parts, strict=True)
         for key, value in values.items()
+    }
+    figures |= {
+        f"outside: type {one['kind']}, canister {one['canister']}: {one['phase']}: {name}": value
+        for one in far
+        for name, value in one.items()
+        if name not in ("kind", "canister", "phase")
     }
     full = figures_of(rows, WHOLE_DEG)
     flat = {
@@ -357,7 +446,11 @@ def publish(rows, profiles, chosen):
             phases=PHASES,
             controllers=CONTROLLERS,
             losses=losses,
-            inside=inside(rows),
+            inside=shares["inside"],
+            in_reach=shares["inside, of those in reach"][CONTROLLERS[-1]],
+            outside=far,
+            raised=RAISED,
+            at_most_s=AT_MOST_S,
             moved=moved(rows),
             rivals=RIVALS,
             saturated=saturated,

@@ -37,12 +37,9 @@ def phase_rows(scenario: Scenario, signals: WeldSignals) -> Iterator[Row]:
     assert truth is not None
     wrong_c = truth.temperature_c - signals.reference_temperature_c
     low_c, high_c = WINDOW_C
-    outside = np.abs(truth.depth_mm - signals.reference_depth_mm) > DEPTH_MM
-    outside |= (
-        (np.abs(wrong_c) > TEMPERATURE_C)
-        | (truth.temperature_c < low_c)
-        | (truth.temperature_c > high_c)
-    )
+    cold = (wrong_c < -TEMPERATURE_C) | (truth.temperature_c < low_c)
+    outside = cold | (wrong_c > TEMPERATURE_C) | (truth.temperature_c > high_c)
+    outside |= np.abs(truth.depth_mm - signals.reference_depth_mm) > DEPTH_MM
     fast = signals.speed_rpm > weld.SPEED_MAX_RPM - _NEAR_RPM
     parts = [  # a tick earlier: the set-point at a boundary is that of the later phase
         (name, begin_s - TICK_S, end_s - TICK_S)
@@ -65,6 +62,7 @@ def phase_rows(scenario: Scenario, signals: WeldSignals) -> Iterator[Row]:
             "moved_rpm": float(np.abs(np.diff(signals.speed_rpm[inside])).sum()),
             "fastest_s": float(fast[inside].sum() * TICK_S),
             "power_kw": errors.power_kw,
+            "cold_s": float(cold[inside].sum() * TICK_S),
             "outside_s": outside_s,
             "good": outside_s <= AT_MOST_S,
         }
