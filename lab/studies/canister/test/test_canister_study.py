@@ -48,6 +48,7 @@ def test_weld_outside_for_longer_than_allowed_is_not_good(monkeypatch, rows):
     monkeypatch.setattr(heat, "TEMPERATURE_C", 0.5)
     dwell, start = heat.phase_rows(scenario, signals)
     assert dwell["good"] and not start["good"]
+    assert start["outside_s"] == start["cold_s"] > heat.AT_MOST_S  # its set-point rises by 10 degC
 
 
 def test_the_line_source_is_that_of_the_table():
