@@ -29,8 +29,6 @@ class Session:
     note: Fact | None = None  #: what happened to its control, for its page
     known: dict[str, Any] = field(default_factory=dict)  #: what its page has been told of control
     offences: int = 0
-    is_checked: bool = False  #: whether its password is being checked, or waits for it
-    wrong_logins: int = 0
     asked_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST_REQUESTS))
 
     def may_ask(self, now_s: float) -> bool:

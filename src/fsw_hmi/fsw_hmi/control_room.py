@@ -21,7 +21,10 @@ from fsw_hmi.users import LONGEST, Users, checked_name
 
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
-#: of the wrong logins of a client one is recorded in so long, and they are counted (chosen)
+#: passwords that are checked or wait for it, at most: of one client, so few that a guesser delays
+#: nobody elsewhere by more than two checks, and of all; of a session one (chosen)
+_OF_CLIENT, _OF_ALL = 2, 64
+#: of the wrong logins of a client one is recorded in so long (chosen)
 _RECORD_S = 60.0
 #: not answered here
 UNDECIDED = Answer("", "", "")
@@ -84,10 +87,10 @@ class ControlRoom:
         self, users: Users, local_stop: bool = True, handover_timeout_s: float = 30.0
     ) -> None:
         self._users, self._local_stop = users, local_stop
+        self._waiting: dict[str, str] = {}  # client of each session that waits for a check
         self._sessions: dict[str, Session] = {}
         self._control = Control(handover_timeout_s)
-        #: by client, when a wrong login was recorded, and how many there were since
-        self._wrong: dict[str, tuple[float, int]] = {}
+        self._recorded_s: dict[str, float] = {}  # when a wrong login of each client was
         self._records: list[Order] = []
         #: why nobody has control any longer, until somebody takes it
         self.ended: Fact | None = None
@@ -209,16 +212,14 @@ class ControlRoom:
             name = checked_name(name.strip())
         except RefusedError as error:
             return Verdict(answer=Answer(REFUSED, error.fact.code, error.fact.words))
-        if session.is_checked:
+        clients, client = list(self._waiting.values()), session.client
+        full = len(clients) >= _OF_ALL or clients.count(client) >= _OF_CLIENT
+        if session.id in self._waiting or full:
             return Verdict(answer=Code.BUSY.timed_out())
         if len(given) > LONGEST:
             return Verdict(answer=Code.TOO_LONG.refused(longest=LONGEST))
-        session.is_checked = True
+        self._waiting[session.id] = client
         return Verdict(credentials=(name, given))
-
-    def wrong_logins(self, session: Session) -> tuple[int, int]:
-        """Recent ones of a session's client, and all of the session; who has more waits longer."""
-        return self._wrong.get(session.client, (0.0, 0))[1], session.wrong_logins
 
     def check(self, name: str, password: str) -> str:
         """Check name and password; returns the user's name, or nothing; slow, thread-safe."""
@@ -228,7 +229,7 @@ class ControlRoom:
         self, session: Session, credentials: tuple[str, str], user: str, now_s: float
     ) -> Verdict:
         """Judge a login after its password has been checked; ``user`` owns the password."""
-        session.is_checked = False
+        self._waiting.pop(session.id, None)
         if not user:
             return self._wrong_login(session, credentials[0], now_s)
         if session.name != user:
@@ -240,16 +241,14 @@ class ControlRoom:
 
     def on_busy(self, session: Session) -> Verdict:
         """Judge a login whose password could not be checked."""
-        session.is_checked = False
+        self._waiting.pop(session.id, None)
         return Verdict(answer=Code.BUSY.timed_out())
 
     def _wrong_login(self, session: Session, name: str, now_s: float) -> Verdict:
         wrong = Code[f"WRONG_{self.login.upper()}"].refused()
-        recent = {key: entry for key, entry in self._wrong.items() if now_s - entry[0] < _RECORD_S}
-        begin_s, count = recent.get(session.client, (now_s, 0))
-        self._wrong = recent | {session.client: (begin_s, count + 1)}
-        session.wrong_logins += 1
-        if not count:
+        recent = {key: s for key, s in self._recorded_s.items() if now_s - s < _RECORD_S}
+        self._recorded_s = {session.client: now_s} | recent
+        if session.client not in recent:
             # what was typed in as a name may be a password
             who = f"{self._users.name(name) or 'unknown name'} ({session.id})"
             address = session.client or "an unknown address"

@@ -102,7 +102,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(known, **{name: values[name] for name in _CONTROL})
-        self._page = LivePage(files, self._room, self._deliver)
+        self._page = LivePage(files, self._room, self._deliver, listening.gate.touch)
         hosts = values["host"], *values["allow_hosts"]
         app = application(self._page.routes(), hosts, listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)

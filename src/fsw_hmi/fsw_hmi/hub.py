@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from typing import Any
 
 from fsw_hmi.control import Session
-from fsw_hmi.gate import Peer
 
 #: ticks in a frame of the past, and such frames: an hour
 BLOCK, _BLOCKS = 600, 60
@@ -42,11 +42,11 @@ class Page:
     """One open page with the frames that it still has to get, the most urgent first.
 
     A slow page gets the newest ticks, the latest frame of every other kind, and all answers.
-    ``peer`` is its connection, for the admission control.
+    ``peer`` is address and port of its browser.
     """
 
-    def __init__(self, session: Session, peer: Peer | None) -> None:
-        self.session, self._peer = session, peer
+    def __init__(self, session: Session, peer: Any) -> None:
+        self.session, self.peer = session, peer
         self.closed = False  #: by the person, not cut off
         self.superseded = False  #: another connection has resumed its session
         self.stops: list[int] = []  #: numbers of safe stops that are not answered yet
@@ -56,11 +56,6 @@ class Page:
         self._latest: dict[str, str] = {}
         self._ticks: deque[str] = deque(maxlen=_TICKS)
         self._history: deque[str] = deque()
-
-    def touch(self) -> None:
-        """Note that somebody has asked for something on this page."""
-        if self._peer is not None:
-            self._peer.touch(self.session.may_stop)
 
     def begin(self, hello: str, latest: dict[str, str], history: list[str]) -> None:
         """Start, or restart, with all known frames."""

@@ -32,7 +32,7 @@ class HmiParameters(NodeParameters):
     (chosen)."""
     local_stop: Annotated[bool, AT_START] = True
     """Whether pages on this computer may ask for a safe stop without login; false if a proxy on
-    this computer serves others and does not set X-Forwarded-For."""
+    this computer serves others."""
     allow_hosts: Annotated[Many[str], AT_START] = ()
     """Further names and addresses under which browsers ask for the page."""
     request_timeout_s: Annotated[float, Range(0.1, 60.0, "s")] = 3.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from ipaddress import IPv4Address, IPv6Address, IPv6Network, ip_address
 from typing import Any
 
@@ -21,17 +21,18 @@ HEADERS = {
 }
 
 
+#: counts a request of a client, by its address and port, for as long as it lasts
+Counter = Callable[[Any], AbstractContextManager[None]]
+
+
 class Security:
     """Middleware: refuses requests from other pages, and adds missing security headers.
 
-    ``counted`` counts a request of a client, by its address and port, for as long as it lasts;
-    what it yields is passed on as ``peer``. The check of the origin refuses cross-site WebSockets. A WebSocket without an origin is
+    The check of the origin refuses cross-site WebSockets. A WebSocket without an origin is
     refused, too; every browser sends one.
     """
 
-    def __init__(
-        self, app: ASGIApp, counted: Callable[[Any], AbstractContextManager[Any]]
-    ) -> None:
+    def __init__(self, app: ASGIApp, counted: Counter = lambda _: nullcontext()) -> None:
         self._app, self._counted = app, counted
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -49,7 +50,7 @@ class Security:
                     headers.setdefault(name, value)
             await send(message)
 
-        with self._counted(scope.get("client")) as scope["peer"]:
+        with self._counted(scope.get("client")):
             await app(scope, receive, send_with_headers)
 
 

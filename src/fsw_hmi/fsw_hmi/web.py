@@ -34,18 +34,21 @@ _CLOSED = (1000, 1001)
 class LivePage:
     """The page over a running weld. All methods but the constructor belong to the server's loop.
 
-    ``deliver`` takes an :class:`Order`, in the server's thread.
+    ``deliver`` takes an :class:`Order`, in the server's thread; ``touch`` address and port of a
+    page on which somebody has asked for something, and whether a user has logged in there.
     """
 
     def __init__(
-        self, files: PageFiles, room: ControlRoom, deliver: Callable[[Order], None]
+        self,
+        files: PageFiles,
+        room: ControlRoom,
+        deliver: Callable[[Order], None],
+        touch: Callable[[Any, bool], None] = lambda _peer, _known: None,
     ) -> None:
-        self._files, self._room, self._deliver = files, room, deliver
+        self._files, self._room, self._deliver, self._touch = files, room, deliver, touch
         # one thread: a flood of logins takes no more of the processor
         self._logins = ThreadPoolExecutor(1, "login", _step_back)
-        #: page, number of the request, name and password
-        self._waiting: list[tuple[Page, int, tuple[str, str]]] = []
-        self._checking: asyncio.Task[None] | None = None
+        self._checks: set[asyncio.Task[None]] = set()
         self._pages: set[Page] = set()
         self._history = History()
         self._latest: dict[str, str] = {}  # frames for a new page, by kind
@@ -115,9 +118,9 @@ class LivePage:
             if before.session is session:
                 before.superseded = True
                 before.given_up.set()
-        page = Page(session, socket.scope["peer"])
+        page = Page(session, socket.client)
         if session.name:  # a user's page that was cut off: the new connection is a user's, too
-            page.touch()
+            self._touch(page.peer, True)
         self._pages.add(page)
         self._begin(page)
         ends = _send(socket, page), self._listen(socket, page), page.given_up.wait()
@@ -168,18 +171,11 @@ class LivePage:
                 await socket.close(_POLICY, "too many bad requests")
                 return
             if verdict.credentials is not None and verdict.id is not None:
-                self._waiting.append((page, verdict.id, verdict.credentials))
-                self._check_next()
+                check = asyncio.create_task(self._check(page, verdict.id, verdict.credentials))
+                self._checks.add(check)
+                check.add_done_callback(self._checks.discard)
             else:
                 self._carry_out(page, verdict)
-
-    def _check_next(self, _: object = None) -> None:
-        """Check the waiting passwords one after the other; those who guess go last."""
-        if self._waiting and (self._checking is None or self._checking.done()):
-            first = min(self._waiting, key=lambda entry: self._room.wrong_logins(entry[0].session))
-            self._waiting.remove(first)
-            self._checking = asyncio.create_task(self._check(*first))
-            self._checking.add_done_callback(self._check_next)
 
     async def _check(self, page: Page, request: int, credentials: tuple[str, str]) -> None:
         """Check a password without delaying the page's other requests, above all a safe stop."""
@@ -199,13 +195,12 @@ class LivePage:
 
     def close(self) -> None:
         """Stop checking passwords, and record the loss of control."""
-        self._waiting.clear()
         self._logins.shutdown(wait=False, cancel_futures=True)
         self._look_at_control()
 
     def _carry_out(self, page: Page, verdict: Verdict) -> None:
         session = page.session
-        page.touch()
+        self._touch(page.peer, bool(session.name))
         self._show_control()
         if verdict.action is not None and verdict.id is not None:
             self._order(page, verdict.id, verdict.action, verdict)

@@ -17,16 +17,14 @@ from starlette.middleware.gzip import GZipMiddleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.routing import BaseRoute
 from starlette.types import ASGIApp
-from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from fsw_control.schema.files import read_private
 from fsw_hmi.gate import Gate
 from fsw_hmi.security import Security, is_loopback
 from fsw_hmi.web import LivePage
 
-#: addresses and names of this computer for itself
-LOCAL_ADDRESSES = ["127.0.0.1", "::1"]
-LOCAL_HOSTS = ("localhost", *LOCAL_ADDRESSES)
+#: names of this computer for itself
+LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 #: longest frame that a page may send
 MAX_FRAME_BYTES = 4096
 #: What the kernel keeps for a client that does not read, so that the server notices soon.
@@ -131,10 +129,7 @@ def application(routes: Sequence[BaseRoute], hosts: Iterable[str], gate: Gate) -
     bare = [host.strip("[]") for host in (*LOCAL_HOSTS, *hosts) if host and "*" not in host]
     allowed = [f"[{host}]" if ":" in host else host for host in bare]
     packed = GZipMiddleware(Starlette(routes=list(routes)), minimum_size=0)
-    own: Any = TrustedHostMiddleware(packed, allowed, www_redirect=False)  # uvicorn's types differ
-    # a proxy on this computer names the browser's address (X-Forwarded-For)
-    proxied: Any = ProxyHeadersMiddleware(own, LOCAL_ADDRESSES)
-    return Security(proxied, gate.request)
+    return Security(TrustedHostMiddleware(packed, allowed, www_redirect=False), gate.request)
 
 
 class _Server(uvicorn.Server):

@@ -45,7 +45,7 @@ class Server:
         encrypted = settings.pop("encrypted", None)
         listening = listen("127.0.0.1", 0, settings.pop("patience_s", PATIENCE_S))
         self.gate = listening.gate = Gate(request_s=PATIENCE_S, **settings.pop("limits", {}))
-        self.page = LivePage(self.files, room, self._take, **settings)
+        self.page = LivePage(self.files, room, self._take, touch=self.gate.touch, **settings)
         self.url = address(listening, encrypted is not None)
         self.port = listening.getsockname()[1]
         app = application(self.page.routes(), ["weld.example"], self.gate)

@@ -74,29 +74,6 @@ def test_flood_of_logins_delays_no_safe_stop_and_no_frame(make_server, users):
 
 
 @pytest.mark.slow
-@pytest.mark.requirement("S30")
-def test_passwords_of_guessers_are_checked_after_those_of_others(make_server, users):
-    server = make_server(users=users)
-    with contextlib.ExitStack() as stack:
-        guesser, other, waiting = (
-            stack.enter_context(server.open(source_address=(f"127.0.0.{host}", 0)))
-            for host in (2, 3, 4)
-        )
-        users.go_on.release()
-        assert guesser.log_in("a guess of some length", "egon")["code"] == "wrong_password"
-        other.send("login", name="otto", password=PASSWORD)
-        for _ in range(2):
-            assert users.begun.acquire(timeout=PATIENCE_S)
-        for number, page in enumerate((guesser, waiting), 1):
-            page.send("login", name="olga", password=PASSWORD)
-            wait_until(lambda n=number: len(server.page._waiting) == n, "a login that waits")
-        users.go_on.release(2)
-        assert waiting.until("answer")["code"] == "logged_in"
-        users.go_on.release()
-        assert guesser.until("answer")["code"] == "logged_in"
-
-
-@pytest.mark.slow
 def test_page_that_leaves_while_its_password_is_checked_is_forgotten(make_server, users):
     server = make_server(users=users)
     with server.open() as gone:

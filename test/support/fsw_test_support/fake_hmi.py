@@ -32,7 +32,6 @@ from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Verdict
 from fsw_hmi.frames import COLUMNS
-from fsw_hmi.gate import Gate
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import limits, reference
 from fsw_hmi.security import Security
@@ -146,10 +145,7 @@ class FakeHmi:
         )
         self._server = uvicorn.Server(
             uvicorn.Config(
-                Security(app, Gate().request),
-                port=self.port,
-                log_level="warning",
-                ws="websockets-sansio",
+                Security(app), port=self.port, log_level="warning", ws="websockets-sansio"
             )
         )
         self._thread = threading.Thread(target=self._server.run, daemon=True)
