@@ -4,7 +4,6 @@ import signal
 
 import pytest
 
-from fsw_analysis.rule_book import default
 from fsw_control.parameters import defaults
 from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.parameters import HmiParameters
@@ -16,14 +15,14 @@ from fsw_msgs.msg import WeldCommand
 def desk(weld):
     """The alarms of the operator's page, in this graph."""
     watch = Watch(weld.node, *[lambda *_: None] * 2)
-    return AlarmDesk(weld.node, watch, defaults(HmiParameters).__getitem__, default())
+    return AlarmDesk(weld.node, watch, defaults(HmiParameters).__getitem__)
 
 
 def until_alarm(weld, desk, name, state, text=""):
     """Judge until the operator's page shows an alarm, in a state and with a text."""
 
     def is_so():
-        desk.judge()
+        desk.judge({})
         entry = desk.list.entries.get(name)
         return entry is not None and entry.state == state and text in entry.alarm.text
 
@@ -34,7 +33,7 @@ def until_reached(weld, desk):
     """Judge until the operator's page says that commands reach the machine, which no alarm then denies."""
 
     def is_so():
-        desk.judge()
+        desk.judge({})
         return desk.frame()["reach"]["ok"]
 
     weld.until(is_so, "commands to reach the machine")

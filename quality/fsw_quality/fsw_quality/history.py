@@ -183,8 +183,7 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
     """
     try:
         with locked(folder):
-            there = load(folder) if (folder / _FILE).exists() else SCHEMA.empty_table()
-            table = pa.concat_tables([there, pa.Table.from_pylist(list(rows), SCHEMA)])
+            table = pa.concat_tables([*_there(folder), pa.Table.from_pylist(list(rows), SCHEMA)])
             _check_once(folder, table)
             with replacing(folder / _FILE) as scratch:
                 pq.write_table(table, scratch, compression="zstd")
@@ -196,8 +195,13 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
 def check_new(folder: Path, welds: Sequence[tuple[str, Sequence[str]]]) -> None:
     """Refuse welds, by name and with the hashes of their files, before they are watched; raises as :func:`add`."""
     fresh = [{"weld": name, FILES: ",".join(files)} for name, files in welds]
-    there = [load(folder)] if (folder / _FILE).exists() else []
-    _check_once(folder, pa.concat_tables([*there, pa.Table.from_pylist(fresh, SCHEMA)]))
+    _check_once(folder, pa.concat_tables([*_there(folder), pa.Table.from_pylist(fresh, SCHEMA)]))
+
+
+def _there(folder: Path) -> list[pa.Table]:
+    if any(folder.glob("[0-9]*.parquet")):
+        raise InputError(f"{folder}: a history of an earlier version; begin one in another folder")
+    return [load(folder)] if (folder / _FILE).exists() else []
 
 
 def _check_once(folder: Path, table: pa.Table) -> None:

@@ -120,6 +120,14 @@ def test_no_history_and_a_damaged_file_are_told(tmp_path: Path) -> None:
         history.load(tmp_path)
 
 
+def test_a_history_of_numbered_files_is_refused_not_begun_again(tmp_path: Path) -> None:
+    old = tmp_path / "000001.parquet"
+    old.touch()
+    with pytest.raises(InputError):
+        history.add(tmp_path, rows(1))
+    assert list(tmp_path.glob("*.parquet")) == [old]
+
+
 def test_what_changed_between_two_welds_is_told_and_what_did_not_is_not(tmp_path: Path) -> None:
     made = rows(30, wear_nm=0.0)
     made[20] |= {"tool": "T2", "torque_nm": 1060.0, "swaps": 1}

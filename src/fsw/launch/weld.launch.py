@@ -168,7 +168,7 @@ def weld(context: LaunchContext) -> list[Any]:
     if machine:
         parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
     clock = {} if speed is None else {"use_sim_time": True}
-    page = {"port": yaml.safe_load(arguments["hmi_port"]), **clock}
+    page = {"port": _port(arguments["hmi_port"]), **clock}
     process = "canister" if machine or (scenario is not None and scenario.on_canister) else "paper"
     parameters["fsw_monitor"] = {
         "ros__parameters": {"process": process, **_model(arguments), **clock}
@@ -355,10 +355,26 @@ def _machine_file(text: str, speed: float | None, scenario: Scenario | None) -> 
         raise RuntimeError(
             "machine: a scenario needs the emulated plant; control by hand, or omit machine"
         )
-    return str(Path(text).expanduser().absolute())
+    file = Path(text).expanduser()
+    if not file.is_file():
+        raise RuntimeError(f"machine: there is no file {file}")
+    return str(file.resolve())
+
+
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise RuntimeError(f"hmi_port: {text!r} is not a port, 0 to 65535")
+    return int(text)
 
 
 def _speed(realtime: bool, text: str) -> float | None:
     """Pace of simulated time; None: the wall clock."""
-    speed = float(text or realtime)
+    if not text:
+        return None if realtime else 0.0
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = -1.0
+    if not 0.0 <= speed <= 1000.0:
+        raise RuntimeError(f"speed: {text!r} is not a number from 0 to 1000")
     return None if realtime and speed == 1.0 else speed

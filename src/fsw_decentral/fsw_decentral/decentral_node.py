@@ -1,12 +1,16 @@
 """The decentralized controller as a node."""
 
 import sys
-from functools import partial
+from collections.abc import Sequence
 
 from fsw_control import run_controller
 from fsw_decentral import DecentralController
 
-main = partial(run_controller, DecentralController)
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run_controller(DecentralController, args=args)
+
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -33,11 +33,11 @@ class AlarmDesk:
         self._replaced: dict[str, float] | None = None
         self._journal = node.create_publisher(AlarmEvent, "fsw/alarms", LATCHED)
 
-    def judge(self, flags: Mapping[str, Flag]) -> bool:
+    def judge(self, outside: Mapping[str, Sequence[Flag]]) -> bool:
         """Determine which alarms are present; returns whether the list has changed."""
         now_s = time.monotonic()
         self._awake.look(now_s)
-        situation = self._situation(flags)
+        situation = self._situation(outside)
         present = self._rules.present(situation, now_s)
         changed = self.list.update(present, now_s)
         listed = {name: entry.alarm for name, entry in self.list.entries.items() if entry.present}
@@ -73,7 +73,7 @@ class AlarmDesk:
         """Age of something that came, without the time in which this process stood still."""
         return None if came_s is None else self._awake.age_s(came_s, time.monotonic())
 
-    def _situation(self, flags: Mapping[str, Flag]) -> Situation:
+    def _situation(self, outside: Mapping[str, Sequence[Flag]]) -> Situation:
         watch, view, now_s = self._watch, self._watch.view, time.monotonic()
         return Situation(
             state=watch.state,
@@ -88,7 +88,7 @@ class AlarmDesk:
             sensor_states=watch.sensor_states,
             channels=watch.channels,
             values=watch.values,
-            flags=flags,
+            outside=outside,
             attainable=watch.attainable,
             parts=watch.parts(),
             pages=self._node.count_publishers("fsw/alarms"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, nan
 from typing import Any
@@ -34,8 +34,10 @@ UNDER_WAY, DONE = ("running", "held"), "done"
 _NO_SAMPLE_S = 0.5
 #: what is said of a sensor whose fault is over, until its value is trusted again
 _AFTERWARDS = ("recovering",)
+#: kinds of limits by which the weld is judged; the supervisor raises the alarms of interlocks
+_OF_WELD = ("essential", "quality", "error")
 #: alarms, by the beginning of their names, that keep the cause with which they began
-_KEPT = ("channel:", "standby")
+_KEPT = ("channel:", "depth_doubt", "standby")
 #: a standby that has begun to lead is no longer heard as one within this time
 _UNHEARD_S = 2 * NO_REPORT_S
 #: a plant reports its watchdog once a second, so later than commands come again
@@ -95,7 +97,8 @@ class Situation:
     channels: Mapping[str, ChannelHealth] = field(default_factory=dict)
     #: of the newest row by column; NaN where unknown
     values: Mapping[str, float] = field(default_factory=dict)
-    flags: Mapping[str, Flag] = field(default_factory=dict)  #: what is outside a limit
+    #: by quantity the limits that it is outside of, the worst first
+    outside: Mapping[str, Sequence[Flag]] = field(default_factory=dict)
     #: the set-points that the controller which commands goes for
     attainable: Reference | None = None
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
@@ -281,19 +284,20 @@ class AlarmRules:
             alarms["programme"] = alarm("programme")
 
     def _values(self, now: Situation, alarms: dict[str, Alarm]) -> None:
-        """Values outside a limit; an interlock on the same quantity says more."""
-        for quantity, flag in now.flags.items() if self._measures(now) else ():
+        """Of each value the worst limit of the weld that it is outside of, and a drive off its command."""
+        for quantity, flags in now.outside.items() if self._measures(now) else ():
+            # an interlock on the same quantity says more, but not while no supervisor is heard
             of_quantity = f"interlock:{quantity.partition('_')[0]}"
-            if flag["kind"] in ("trip", "warn") or any(
-                name.startswith(of_quantity) for name in alarms
-            ):
-                continue
-            # a step of the set-point takes its time
-            slow = flag["kind"] == "deviation" or flag["variable"] == "temperature_error_c"
-            lasts_s = self._setting(f"{'deviation' if slow else 'quality'}_persistence_s")
-            kind = "quality" if flag["kind"] == "error" else flag["kind"]
-            entry = replace(of_limit(kind, flag), on_s=lasts_s, off_s=lasts_s)
-            alarms[f"{kind}:{flag['variable']}"] = entry
+            interlocked = any(name.startswith(of_quantity) for name in alarms)
+            judged = [] if interlocked else [flag for flag in flags if flag["kind"] in _OF_WELD]
+            drives = [flag for flag in flags if flag["kind"] == "deviation"]
+            for flag in (*judged[:1], *drives[:1]):
+                # a step of the set-point takes its time
+                slow = flag in drives or flag["variable"] == "temperature_error_c"
+                lasts_s = self._setting(f"{'deviation' if slow else 'quality'}_persistence_s")
+                kind = "quality" if flag["kind"] == "error" else flag["kind"]
+                entry = replace(of_limit(kind, flag), on_s=lasts_s, off_s=lasts_s)
+                alarms[f"{kind}:{flag['variable']}"] = entry
 
     def _reachable(self, now: Situation, alarms: dict[str, Alarm]) -> None:
         """Set-points that the controller replaces by what the drives can hold."""

@@ -45,7 +45,7 @@ from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
 from fsw_hmi.requests import Acknowledge, SafeStop, Shelve, Unshelve
-from fsw_hmi.standing import Flag, flags_now
+from fsw_hmi.standing import Flag, outside_now, worst
 from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage
@@ -93,7 +93,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._book = book_of(values["procedure"])
         self._desk = AlarmDesk(self, self._watch, self._setting)
         self._weld = LiveWeld(self._book)
-        self._flags: dict[str, Flag] = {}
+        self._outside: dict[str, list[Flag]] = {}
         self._stopping, self._recording = StopProgress(), Recording()
         self._headline: dict[str, str] = {}
         self._account: dict[str, Any] | None = None
@@ -151,12 +151,12 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             shown = None
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
-                self._flags = flags_now(
+                self._outside = outside_now(
                     self._watch.values, self._watch.programme(), self._book, self._limits()
                 )
                 values = self._watch.values | {"time_s": tick.stamp_ns / NANOSECONDS}
                 stop = self._stopping.at(self._watch.stopped, values, safe_state(self._interlocks))
-                rest = f'"flags":{json.dumps(self._flags)},"stop":{json.dumps(stop)}'
+                rest = f'"flags":{json.dumps(worst(self._outside))},"stop":{json.dumps(stop)}'
                 shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},{rest}}}'
             self._web.call(partial(self._page.tick, text, shown, now_s))
 
@@ -168,8 +168,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         watch, desk = self._watch, self._desk
         programme = watch.progress["state"] if watch.progress else ""
         age_s, alarms = desk.age_s(watch.view.tick_s), desk.frame()["alarms"]
-        seen = self._flags, watch.state_frame(), self._account, programme, self._recording.state
-        line = headline(Now(age_s, alarms, *seen))
+        seen = watch.state_frame(), self._account, programme, self._recording.state
+        line = headline(Now(age_s, alarms, worst(self._outside), *seen))
         if line != self._headline:
             self._headline = line
             self._show("headline", line)
@@ -188,7 +188,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     def _look(self) -> None:
         self._orders.look()
         self._watch.look()
-        if self._desk.judge(self._flags):
+        if self._desk.judge(self._outside):
             self._show("alarms", self._desk.frame())
         self._show_headline()
 

@@ -6,7 +6,7 @@ a whole.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from math import nan
 from typing import Any, Literal, NamedTuple
 
@@ -71,13 +71,28 @@ def programme_aims(progress: Mapping[str, Any] | None) -> dict[str, float]:
     return {name: float(aim) for name, aim in aims.items() if aim is not None}
 
 
+def worst(violations: Mapping[str, Sequence[Flag]]) -> dict[str, Flag]:
+    """Of each quantity, the worst of its violations as of :func:`outside_now`."""
+    return {quantity: flags_of[0] for quantity, flags_of in violations.items()}
+
+
 def flags(
     columns: Mapping[str, FloatArray],
     phases: TextArray,
     book: RuleBook,
     limits: Mapping[str, Mapping[str, Any]],
 ) -> list[dict[str, Flag]]:
-    """Worst violation of each quantity at each moment: level, words, and the limit; empty if none.
+    """As :func:`outside`, of each quantity the worst."""
+    return [worst(row) for row in outside(columns, phases, book, limits)]
+
+
+def outside(
+    columns: Mapping[str, FloatArray],
+    phases: TextArray,
+    book: RuleBook,
+    limits: Mapping[str, Mapping[str, Any]],
+) -> list[dict[str, list[Flag]]]:
+    """Violations of each quantity at each moment, the worst first: level, words, and the limit; empty if none.
 
     Parameters
     ----------
@@ -90,7 +105,7 @@ def flags(
     limits : mapping
         Interlocks in force and deviations of the drives, as of ``fsw_hmi.limits.limits``.
     """
-    flags_of_row: list[dict[str, Flag]] = [{} for _ in range(phases.size)]
+    flags_of_row: list[dict[str, list[Flag]]] = [{} for _ in range(phases.size)]
     for quantity in QUANTITIES:
         for test in _tests(quantity, book, limits.get(quantity, {})):
             values = columns.get(test.variable)
@@ -111,22 +126,22 @@ def flags(
                 ("high", test.max, np.greater),
             ):
                 flag = {"level": level, "text": f"{words}, {side}", **limit}
-                outside = False if end is None else is_outside(values, end)
-                for row in np.flatnonzero(outside & held):
-                    flags_of_row[row].setdefault(quantity, flag)
+                violated = False if end is None else is_outside(values, end)
+                for row in np.flatnonzero(violated & held):
+                    flags_of_row[row].setdefault(quantity, []).append(flag)
     return flags_of_row
 
 
-def flags_now(
+def outside_now(
     values: Mapping[str, float],
     progress: Mapping[str, Any] | None,
     book: RuleBook,
     limits: Mapping[str, Mapping[str, Any]],
-) -> dict[str, Flag]:
-    """As :func:`flags`, of one row."""
+) -> dict[str, list[Flag]]:
+    """As :func:`outside`, of one row."""
     columns = {name: np.array([value]) for name, value in variables(values, progress).items()}
     phase = str((progress or {}).get("phase", ""))
-    return flags(columns, np.array([phase], object), book, limits)[0]
+    return outside(columns, np.array([phase], object), book, limits)[0]
 
 
 def _tests(quantity: str, book: RuleBook, own: Mapping[str, Any]) -> Iterator[_Test]:

@@ -386,6 +386,32 @@ SILENT = {"fsw_supervisor": {"arbiter": Part("stale", "")}}
 ENDED = {"tick_age_s": 60.0, "command_age_s": 60.0, "state_age_s": 60.0, "parts": SILENT}
 
 
+INTERLOCKS = {
+    "interlocks.temperature_high.trip": 910.0,
+    "interlocks.temperature_high.warn": 900.0,
+    "interlocks.force_high.warn": 95.5,
+}
+
+
+@pytest.mark.requirement("S17")
+@pytest.mark.parametrize(
+    "changed",
+    [{}, {"state": None, "state_age_s": None}, {"state_age_s": 60.0}],
+    ids=["heard", "never heard", "silent"],
+)
+def test_a_value_beyond_a_trip_is_an_alarm_though_no_supervisor_says_so(rules, changed):
+    values = {"temperature_c": 930.0, "force_kn": 96.0, "command_force_kn": 85.0}
+    present = rules.present(situation(values, interlocks=INTERLOCKS, **changed), 60.0)
+    assert {"essential:temperature_c", "deviation:force_kn"} <= present.keys()
+
+
+def test_a_drive_off_its_command_is_an_alarm_beside_a_limit_of_its_quantity(rules):
+    limit = Limit(variable="speed_rpm", min=380.0, max=420.0, source="test")
+    book = default().model_copy(update={"quality": (limit,)})
+    present = rules.present(situation({"speed_rpm": 360.0}, book=book), 0.0)
+    assert {"quality:speed_rpm", "deviation:speed_rpm"} <= present.keys()
+
+
 def test_what_the_end_of_a_weld_explains_is_no_alarm(rules):
     assert rules.present(situation(programme="done", **ENDED), 0.0) == {}
     assert rules.present(situation(programme="running", **ENDED), 0.0)

@@ -11,7 +11,7 @@ from fsw_analysis.rule_book import Limit, default
 from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import limits
-from fsw_hmi.standing import flags, flags_now, variables
+from fsw_hmi.standing import flags, outside_now, variables
 from fsw_test_support import hmi_situation
 
 INTERLOCKS = {"interlocks.depth_high.warn": 3.4, "interlocks.depth_high.trip": 3.6}
@@ -124,24 +124,24 @@ def test_what_follows_the_weld_is_said_once_it_is_over(
 def test_flag_is_the_worst_of_a_quantity(
     changed: dict[str, float], quantity: str, kind: str, side: str
 ) -> None:
-    found = flags_now(GOOD | changed, None, default(), LIMITS)
+    found = outside_now(GOOD | changed, None, default(), LIMITS)
     assert (
         list(found) == [quantity]
-        and found[quantity]["kind"] == kind
-        and found[quantity]["text"].endswith(side)
+        and found[quantity][0]["kind"] == kind
+        and found[quantity][0]["text"].endswith(side)
     )
 
 
 def test_nothing_is_flagged_of_a_good_weld_nor_of_what_is_not_known() -> None:
-    assert flags_now(GOOD, None, default(), LIMITS) == {}
-    assert flags_now(dict.fromkeys(GOOD, float("nan")), None, default(), LIMITS) == {}
+    assert outside_now(GOOD, None, default(), LIMITS) == {}
+    assert outside_now(dict.fromkeys(GOOD, float("nan")), None, default(), LIMITS) == {}
 
 
 def test_errors_are_from_the_programme_as_in_the_record() -> None:
     by_hand = GOOD | {"depth_mm": 2.8, "reference_depth_mm": 2.8}
-    assert flags_now(by_hand, None, default(), LIMITS) == {}
+    assert outside_now(by_hand, None, default(), LIMITS) == {}
     programme = {"depth_mm": 2.66, "temperature_c": 850.0, "phase": "joint_line"}
-    assert flags_now(by_hand, programme, default(), LIMITS)["depth_mm"]["kind"] == "error"
+    assert outside_now(by_hand, programme, default(), LIMITS)["depth_mm"][0]["kind"] == "error"
     none = {"depth_mm": 0.0, "temperature_c": 0.0, "phase": ""}
     assert variables(by_hand, none)["depth_error_mm"] == 0.0, (
         "a player without a programme reports zeros"

@@ -1,12 +1,16 @@
 """The NMPC as a node."""
 
 import sys
-from functools import partial
+from collections.abc import Sequence
 
 from fsw_control import run_controller
 from fsw_nmpc import NmpcController
 
-main = partial(run_controller, NmpcController)
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node; returns the exit code."""
+    return run_controller(NmpcController, args=args)
+
 
 if __name__ == "__main__":
     sys.exit(main())

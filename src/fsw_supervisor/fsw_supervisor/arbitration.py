@@ -152,8 +152,8 @@ class Arbitration:
                 return False
         # In lockstep a decision also waits for the shadows that answered the last tick. Otherwise
         # which of them is ready would depend on the order of arrival, and runs would differ.
-        waited_s = self._now_s - tick.started_s
-        if not self.lockstep or waited_s >= self.machine.settings.lockstep_shadow_wait_s:
+        wait_s = self.machine.settings.lockstep_shadow_wait_s  # until then, as ``wakeup_s`` says
+        if not self.lockstep or self._now_s >= tick.started_s + wait_s:
             return True
         return not any(
             record.silent_ticks == 0

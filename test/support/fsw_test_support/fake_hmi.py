@@ -35,7 +35,7 @@ from fsw_hmi.frames import COLUMNS
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import limits, reference
 from fsw_hmi.security import Security
-from fsw_hmi.standing import flags_now
+from fsw_hmi.standing import outside_now, worst
 from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.users import Users
 from fsw_test_support.machine import free_port
@@ -249,9 +249,8 @@ class FakeHmi:
             if self.measuring:
                 self._last_tick_s = time.time()
                 row = self._row(self._time_s())
-                self._flags = flags_now(
-                    dict(zip(COLUMNS[1:], row[1:], strict=True)), self.progress, default(), LIMITS
-                )
+                shown = dict(zip(COLUMNS[1:], row[1:], strict=True))
+                self._flags = worst(outside_now(shown, self.progress, default(), LIMITS))
                 values = dict(zip(COLUMNS, row, strict=True))
                 stop = self._stopping.at(self.state["actual_mode"] == "safe_stop", values, SAFE)
                 tick = {

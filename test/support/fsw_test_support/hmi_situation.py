@@ -12,7 +12,7 @@ from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import Part, Situation
 from fsw_hmi.limits import DEVIATIONS, limits
 from fsw_hmi.parameters import HmiParameters
-from fsw_hmi.standing import flags_now
+from fsw_hmi.standing import outside_now
 from fsw_scenario.procedure_watch import ProcedureWatch
 from fsw_test_support.judged_weld import short_procedure
 
@@ -79,9 +79,10 @@ def situation(
     values: Mapping[str, float] | None = None,
     phase: str = "",
     book: RuleBook | None = None,
+    interlocks: Mapping[str, float] | None = None,
     **changed: Any,
 ) -> Situation:
-    """What the rules look at; values are judged by ``book``, else by the default rules."""
+    """What the rules look at; values are judged by ``book``, else by the default rules, and by interlocks."""
     usual: dict[str, Any] = {
         "state": state(),
         "state_age_s": 0.1,
@@ -90,8 +91,10 @@ def situation(
     }
     usual |= {"sample_age_s": {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}}
     now, book = changed.setdefault("values", GOOD | dict(values or {})), book or default()
-    own = limits({}, book, {name: defaults(HmiParameters)[name] for name in DEVIATIONS})
-    changed["flags"] = flags_now(now, {"phase": phase}, book, own)
+    own = limits(
+        interlocks or {}, book, {name: defaults(HmiParameters)[name] for name in DEVIATIONS}
+    )
+    changed["outside"] = outside_now(now, {"phase": phase}, book, own)
     return Situation(**usual | changed)
 
 

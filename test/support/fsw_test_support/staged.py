@@ -15,7 +15,7 @@ from fsw_hmi.alarm_texts import flood
 from fsw_hmi.alarms import AlarmList
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.parameters import HmiParameters
-from fsw_hmi.standing import flags_now
+from fsw_hmi.standing import outside_now, worst
 from fsw_test_support.fake_hmi import LIMITS, good_account
 from fsw_test_support.hmi_situation import (
     controller,
@@ -237,7 +237,7 @@ def page_of(staged: Staged) -> tuple[list[dict[str, Any]], dict[str, str]]:
             alarms.update(rules.present(moment, now_s), now_s)
             now_s += _LOOK_S
     rows, last = alarms.rows(now_s, 0.0), staged.moments[-1]
-    flags: Mapping[str, Mapping[str, str]] = flags_now(dict(last.values), None, default(), LIMITS)
+    flags = worst(outside_now(dict(last.values), None, default(), LIMITS))
     now = Now(
         last.tick_age_s,
         rows,
