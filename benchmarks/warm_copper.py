@@ -1,0 +1,136 @@
+#!/usr/bin/env python3
+"""The comparison's set-point steps and disturbances on warm copper of canisters that no controller knows.
+
+usage: warm_copper.py [--quick] [--json FILE]
+"""
+
+import copy
+import tempfile
+from pathlib import Path
+
+import _benchmark
+import numpy as np
+
+from fsw.welds import Weld
+from fsw_campaign.definition import load
+from fsw_control.weld import TICK_S
+from fsw_lab.identify import identify
+from fsw_scenario import scenario_file
+from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.controllers import make_all
+from fsw_tuning.standard_cases import (
+    CASES,
+    CONSERVATIVE,
+    DEFAULT,
+    DISTURBANCES,
+    DURATION_S,
+    REST,
+    SET_POINTS,
+    SMITH,
+    TIGHT,
+    set_points,
+)
+from fsw_tuning.standard_runs import on_all_cores
+
+#: canisters of the campaign that no other benchmark welds
+CANISTERS = range(600, 620)
+#: welding in the lid, at the height of `identify_heat`, before a case begins (chosen: the needed
+#: power then changes slowly), and the temperature at its begin, which all canisters reach
+WARM_S, AXIAL_MM, START_C = 600.0, 74.35, 780.0
+#: at the end of the disturbances, a minute after that of the temperature, for the error there
+LAST_S = 5.0
+IDENTIFIED = f"{DEFAULT}, identified"
+CONTROLLERS = (CONSERVATIVE, TIGHT, SMITH, DEFAULT, IDENTIFIED)
+LATER = "a minute later"
+FIGURES = {
+    "tracking": "set-point steps: IAE [°C s]",
+    "disturbances": "disturbances: IAE [°C s]",
+    LATER: "error a minute after its disturbance [°C]",
+}
+
+
+def on_canister(content, index, **changes):
+    """The scenario of a file's content on a canister of the campaign."""
+    for path, value in (load("canisters").parameters(index) | changes).items():
+        scenario_file.put(content, path, value, content["name"])
+    return scenario_file.read(content, content["name"])
+
+
+def case_on(index, case, controller):
+    """A case of the comparison on a canister that has been welded for a while."""
+    later = [
+        (step.at_s, {"reference": {"depth_mm": to.depth_mm, "temperature_c": to.temperature_c}})
+        for step, to in zip(SET_POINTS.values(), set_points()[1:], strict=True)
+    ]
+    if case == "disturbances":
+        later = [(step.at_s, {"disturbance": step.disturbance}) for step in DISTURBANCES.values()]
+    rest = {"depth_mm": REST.depth_mm, "temperature_c": REST.temperature_c}
+    content = {
+        "name": case,
+        "controller": controller,
+        "duration_s": WARM_S + DURATION_S[case],
+        "plant": copy.deepcopy(load("canisters").scenario["plant"]),
+        "events": [
+            {"at_s": 1.0, "reference": rest},
+            *({"at_s": WARM_S + at_s, **event} for at_s, event in later),
+        ],
+    }
+    warm = {"plant.tool.axial_mm": AXIAL_MM, "plant.start.temperature_c": START_C}
+    return on_canister(content, index, **warm)
+
+
+def errors(signals):
+    """IAE of the temperature once the copper is warm [degC s], and its mean error at the end [degC]."""
+    wrong_c = np.abs(signals.truth.temperature_c - signals.reference_temperature_c)
+    iae_c_s = TICK_S * wrong_c[signals.time_s > WARM_S].sum()
+    return float(iae_c_s), float(wrong_c[-round(LAST_S / TICK_S) :].mean())
+
+
+def model_of(index):
+    """Model file as ``fsw.py identify`` makes it of the experiment on that canister."""
+    content = scenario_file.content_of(scenario_file.text_of("identify_heat"), "identify_heat")
+    scenario = on_canister(content, index)
+    signals = ClosedLoop(scenario, make_all(scenario, scenario.controller, {})).run()
+    return identify(Weld("experiment", signals)).text
+
+
+def figures_of(index):
+    """Errors on a canister, by controller and figure."""
+    of = {}
+    with tempfile.TemporaryDirectory() as folder:
+        model = Path(folder, "identified.model.yaml")
+        model.write_text(model_of(index), encoding="utf-8")
+        for title in CONTROLLERS:
+            label = title.partition(",")[0]
+            name = label.partition(":")[0]
+            known = {name: {"model_file": str(model)}} if title == IDENTIFIED else {}
+            of[title] = {}
+            for case in CASES:
+                scenario = case_on(index, case, name)
+                signals = ClosedLoop(scenario, make_all(scenario, label, known)).run()
+                of[title][case], of[title][LATER] = errors(signals)
+    return of
+
+
+def measure(quick):
+    """Figures of all canisters, and the content of the page."""
+    canisters = CANISTERS[:1] if quick else CANISTERS
+    rows = _benchmark.counted(on_all_cores(figures_of, canisters), canisters, "canisters:")
+    figures = {
+        f"{title}: {figure}: {word}": float(of([row[title][figure] for row in rows]))
+        for title in CONTROLLERS
+        for figure in FIGURES
+        for word, of in (("median", np.median), ("worst", max))
+    }
+    worse = {
+        title: sum(row[title]["tracking"] > row[CONSERVATIVE]["tracking"] for row in rows)
+        for title in CONTROLLERS
+    }
+    figures |= {f"{title}: worse than {CONSERVATIVE}": count for title, count in worse.items()}
+    shown = {"CONTROLLERS": CONTROLLERS, "FIGURES": FIGURES, "WARM_S": WARM_S}
+    names = {"conservative": CONSERVATIVE, "default": DEFAULT, "identified": IDENTIFIED}
+    return figures, {**shown, **names, "figures": figures, "worse": worse, "count": len(rows)}
+
+
+if __name__ == "__main__":
+    _benchmark.run(__doc__, "one canister, no page", measure, "warm-copper")
