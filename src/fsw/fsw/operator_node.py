@@ -22,7 +22,7 @@ from rclpy.qos import QoSProfile
 from fsw.errors import CommandError
 from fsw_control import messages_ros as convert
 from fsw_control.contract import Reference
-from fsw_control.light_node_ros import join
+from fsw_control.light_node_ros import ends_in_time, join
 from fsw_control.references import ReferenceQueue
 from fsw_control.references_ros import reference_queue, subscribe_references
 from fsw_control.sensors import REQUIRED, SENSORS
@@ -194,8 +194,9 @@ def operator(arguments: argparse.Namespace) -> Iterator[Operator]:
     try:
         yield Operator(node, arguments.timeout)
     finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
+        with ends_in_time():
+            node.destroy_node()
+            rclpy.try_shutdown()
 
 
 def ask(
