@@ -242,7 +242,7 @@ def test_messages_that_cannot_be_built_do_not_end_the_set_up(tmp_path):
     ran = in_python(
         "_bootstrap._python = lambda home: sys.executable\n"
         "_bootstrap.INTERFACES = [_bootstrap.Path(sys.argv[1]) / 'small_msgs']\n"
-        "_bootstrap._build_interfaces(_bootstrap.Path(sys.argv[1]))",
+        "_bootstrap._build_interfaces(_bootstrap.Path(sys.argv[1]), open('/dev/null'))",
         tmp_path,
         CXX="false",
     )
