@@ -140,8 +140,10 @@ class Limits:
             "force_max": command.force_kn >= self.force_max_kn - tolerance,
             "speed_min": command.speed_rpm <= self.speed_min_rpm + tolerance,
             "speed_max": command.speed_rpm >= self.speed_max_rpm - tolerance,
-            "force_rate": abs(command[0] - previous[0]) >= self.force_step_kn - tolerance,
-            "speed_rate": abs(command[1] - previous[1]) >= self.speed_step_rpm - tolerance,
+            "force_rate": abs(command.force_kn - previous.force_kn)
+            >= self.force_step_kn - tolerance,
+            "speed_rate": abs(command.speed_rpm - previous.speed_rpm)
+            >= self.speed_step_rpm - tolerance,
         }
         return tuple(name for name, touches in touched.items() if touches)
 

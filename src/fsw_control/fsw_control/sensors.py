@@ -108,23 +108,45 @@ _TEMPERATURE_TYPE = "sensor_msgs/msg/Temperature"
 
 
 def _depth_channel(channel: str, title: str, noise_mm: float) -> Sensor:
-    what = f"depth_{channel}", title, DEPTH, f"fsw/depth/{channel}", _DEPTH_TYPE
-    return Sensor(*what, 0.0, 6.0, 10.0, None, noise_mm, 0.001, required=False)
+    return Sensor(
+        *(f"depth_{channel}", title, DEPTH, f"fsw/depth/{channel}", _DEPTH_TYPE),
+        minimum=0.0,
+        maximum=6.0,
+        max_rate=10.0,
+        max_jump=None,
+        noise=noise_mm,
+        resolution=0.001,
+        required=False,
+    )
 
 
-# minimum, maximum, largest rate and jump, noise and resolution
 _ROWS = (
     Sensor(
         *("depth", "depth sensor", DEPTH, "fsw/depth", _DEPTH_TYPE),
-        *(0.0, 6.0, 10.0, 0.5, 0.002, 0.0001),
+        minimum=0.0,
+        maximum=6.0,
+        max_rate=10.0,
+        max_jump=0.5,
+        noise=0.002,
+        resolution=0.0001,
     ),
     Sensor(
         *("torque", "torque sensor", TORQUE, "fsw/spindle_torque", _TORQUE_TYPE),
-        *(100.0, 3000.0, 3000.0, 200.0, 2.0, 0.1),
+        minimum=100.0,
+        maximum=3000.0,
+        max_rate=3000.0,
+        max_jump=200.0,
+        noise=2.0,
+        resolution=0.1,
     ),
     Sensor(
         *("thermocouple", "thermocouple", TEMPERATURE, "fsw/thermocouple", _TEMPERATURE_TYPE),
-        *(300.0, 1080.0, 400.0, 40.0, 0.1, 0.01),
+        minimum=300.0,
+        maximum=1080.0,
+        max_rate=400.0,
+        max_jump=40.0,
+        noise=0.1,
+        resolution=0.01,
         key="temperature",
     ),
     *(_depth_channel(*channel) for channel in _DEPTH_CHANNELS),
