@@ -10,9 +10,9 @@ from pathlib import Path
 
 import _benchmark
 import numpy as np
+from heat import campaign
 
 from fsw.welds import Weld
-from fsw_campaign.definition import load
 from fsw_control.weld import TICK_S
 from fsw_lab.identify import identify
 from fsw_scenario import scenario_file
@@ -22,13 +22,11 @@ from fsw_tuning.standard_cases import (
     CASES,
     CONSERVATIVE,
     DEFAULT,
-    DISTURBANCES,
     DURATION_S,
     REST,
-    SET_POINTS,
     SMITH,
     TIGHT,
-    set_points,
+    events,
 )
 from fsw_tuning.standard_runs import on_all_cores
 
@@ -51,28 +49,22 @@ FIGURES = {
 
 def on_canister(content, index, **changes):
     """The scenario of a file's content on a canister of the campaign."""
-    for path, value in (load("canisters").parameters(index) | changes).items():
+    for path, value in (campaign().parameters(index) | changes).items():
         scenario_file.put(content, path, value, content["name"])
     return scenario_file.read(content, content["name"])
 
 
 def case_on(index, case, controller):
     """A case of the comparison on a canister that has been welded for a while."""
-    later = [
-        (step.at_s, {"reference": {"depth_mm": to.depth_mm, "temperature_c": to.temperature_c}})
-        for step, to in zip(SET_POINTS.values(), set_points()[1:], strict=True)
-    ]
-    if case == "disturbances":
-        later = [(step.at_s, {"disturbance": step.disturbance}) for step in DISTURBANCES.values()]
     rest = {"depth_mm": REST.depth_mm, "temperature_c": REST.temperature_c}
     content = {
         "name": case,
         "controller": controller,
         "duration_s": WARM_S + DURATION_S[case],
-        "plant": copy.deepcopy(load("canisters").scenario["plant"]),
+        "plant": copy.deepcopy(campaign().scenario["plant"]),
         "events": [
             {"at_s": 1.0, "reference": rest},
-            *({"at_s": WARM_S + at_s, **event} for at_s, event in later),
+            *events(case, WARM_S),
         ],
     }
     warm = {"plant.tool.axial_mm": AXIAL_MM, "plant.start.temperature_c": START_C}

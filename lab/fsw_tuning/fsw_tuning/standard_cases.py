@@ -77,6 +77,22 @@ def set_points() -> list[Reference]:
     )
 
 
+def events(case: str, begin_s: float = 0.0) -> list[dict[str, Any]]:
+    """Events of one of ``CASES`` that begins at a time, as in a scenario file."""
+    if case == "disturbances":
+        return [
+            {"at_s": begin_s + step.at_s, "disturbance": step.disturbance}
+            for step in DISTURBANCES.values()
+        ]
+    return [
+        {
+            "at_s": begin_s + step.at_s,
+            "reference": {"depth_mm": after.depth_mm, "temperature_c": after.temperature_c},
+        }
+        for step, after in zip(SET_POINTS.values(), set_points()[1:], strict=True)
+    ]
+
+
 def scenario(case: str, plant: Mapping[str, float | bool | str], controller: str) -> Scenario:
     """One of ``CASES``, or a scenario by file or name, with parameters of the plant, e.g. ``factors.<name>``."""
     overrides = [
@@ -85,16 +101,5 @@ def scenario(case: str, plant: Mapping[str, float | bool | str], controller: str
     ]
     if case not in CASES:
         return scenario_file.load(case, overrides)
-    events: list[dict[str, Any]] = [
-        {
-            "at_s": step.at_s,
-            "reference": {"depth_mm": after.depth_mm, "temperature_c": after.temperature_c},
-        }
-        for step, after in zip(SET_POINTS.values(), set_points()[1:], strict=True)
-    ]
-    if case == "disturbances":
-        events = [
-            {"at_s": step.at_s, "disturbance": step.disturbance} for step in DISTURBANCES.values()
-        ]
-    text = yaml.safe_dump({"name": case, "duration_s": DURATION_S[case], "events": events})
+    text = yaml.safe_dump({"name": case, "duration_s": DURATION_S[case], "events": events(case)})
     return scenario_file.parse(text, case, overrides)

@@ -293,7 +293,7 @@ class AlarmRules:
             drives = [flag for flag in flags if flag["kind"] == "deviation"]
             for flag in (*judged[:1], *drives[:1]):
                 # a step of the set-point takes its time
-                slow = flag in drives or flag["variable"] == "temperature_error_c"
+                slow = flag["kind"] == "deviation" or flag["variable"] == "temperature_error_c"
                 lasts_s = self._setting(f"{'deviation' if slow else 'quality'}_persistence_s")
                 kind = "quality" if flag["kind"] == "error" else flag["kind"]
                 entry = replace(of_limit(kind, flag), on_s=lasts_s, off_s=lasts_s)

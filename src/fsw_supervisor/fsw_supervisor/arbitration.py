@@ -73,15 +73,16 @@ class Arbitration:
                 reason = Reason(ReasonCode.READY_AGAIN, subject=name)
                 machine.fire(Cause.CONTROLLER_BACK, reason, "failover", name)
         elif machine.mode is Mode.AUTO and settings.return_to_target and not self.operator.waiting:
-            name, reason = machine.target, Reason(ReasonCode.READY_AGAIN, subject=machine.target)
+            name = machine.target
             if name != machine.active and self.registry.is_ready(name) and not machine.storming():
+                reason = Reason(ReasonCode.READY_AGAIN, subject=name)
                 machine.swap(name, Cause.SWAP_BACK, reason, "failover")
         self._time_out()
 
     def _time_out(self) -> None:
         """Limit the time in start, hold and blind manual, where the process is not controlled."""
         machine, settings = self.machine, self.machine.settings
-        since_ns, why, mode = machine.mode_since_ns, machine.reason, str(machine.mode)
+        since_ns, why = machine.mode_since_ns, machine.reason
         if machine.mode is Mode.START:
             trigger, limit_s = Cause.START_TIMEOUT, settings.start_timeout_s
         elif machine.mode is Mode.HOLD:
@@ -96,6 +97,7 @@ class Arbitration:
         else:
             return
         if machine.elapsed(since_ns, limit_s):
+            mode = str(machine.mode)
             reason = Reason(ReasonCode.TIMEOUT, limit_s=limit_s, subject=mode, because=why)
             machine.fire(trigger, reason, "failover")
 
