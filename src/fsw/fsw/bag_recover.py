@@ -8,9 +8,7 @@ from pathlib import Path
 from fsw.bags import DAMAGED_TOO, bag_argument, print_notes
 from fsw.command import command, option, switch
 from fsw.console import ProgressBar
-from fsw.errors import CommandError
 from fsw_recorder import recover as recovering
-from fsw_recorder.bag_metadata import ATTESTATION_NAME
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.manifest import MANIFEST_NAME
 from fsw_recorder.topic import TopicSelection
@@ -23,10 +21,6 @@ from fsw_recorder.topic import TopicSelection
     option(
         "output", type=Path, nargs="?", help="folder of the new bag (default: <bag>_recovered)"
     ),
-    switch(
-        "--proven",
-        "copy only chunks whose hashes are in the manifest, unchanged, so that they stay proven",
-    ),
     switch("--zstd", "compress the new bag"),
     option(
         "--regex", default="", help="copy only topics whose whole name matches this expression"
@@ -36,8 +30,6 @@ def recover(arguments: argparse.Namespace) -> int:
     source: Path = arguments.bag
     stem = source.name.removesuffix(".zstd").removesuffix(".mcap").removesuffix(".db3") or "bag"
     target = arguments.output or source.absolute().parent / f"{stem}_recovered"
-    if arguments.proven:
-        return _proven(source, target, bool(arguments.zstd or arguments.regex))
     options = WriterOptions(compression="zstd" if arguments.zstd else "")
     selection = TopicSelection(regex=arguments.regex, include_hidden=True)
     with ProgressBar(f"copying {source}") as bar:
@@ -45,20 +37,7 @@ def recover(arguments: argparse.Namespace) -> int:
     print_notes(result.problems)
     print(f"{result.messages} messages of {result.topics} topics recovered to {target}")
     if source.is_dir() and (source / MANIFEST_NAME).exists():
-        print_notes(["the copy has no manifest; with --proven it keeps what can be proved"])
-    return 0
-
-
-def _proven(source: Path, target: Path, changes: bool) -> int:
-    if changes:
-        raise CommandError(
-            "recover: --proven copies chunks as they are; leave out --zstd and --regex"
+        print_notes(
+            ["the copy has no manifest: what the damaged bag still proves, it alone proves"]
         )
-    with ProgressBar(f"copying {source}") as bar:
-        result = recovering.recover_proven(source, target, (ATTESTATION_NAME,), bar)
-    print_notes(result.lost)
-    print(
-        f"{result.proven} of {result.recorded} chunks and attachments proven, "
-        f"{result.messages} messages recovered to {target}"
-    )
     return 0

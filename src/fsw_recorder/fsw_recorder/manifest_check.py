@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import groupby, pairwise
+from itertools import groupby
 from pathlib import Path
 
 from fsw_recorder.bag_metadata import METADATA_NAME
@@ -66,12 +66,12 @@ def check_file(path: Path, listed: FileManifest) -> list[Finding]:
     if len(data) == listed.bytes and sha256(data) == listed.sha256:
         return []
     sizes = {} if len(data) == listed.bytes else {"bytes": len(data), "listed_bytes": listed.bytes}
-    proven = proven_pieces(data, listed)
-    lost = [row for row in pieces if row not in proven]
+    unchanged = _unchanged(data, listed)
+    lost = [row for row in pieces if row not in unchanged]
     if not lost:
         return [Finding(code=Code.REORDERED, file=listed.name, data=sizes)]
     chunks = {row for row in pieces if listed.pieces[row].kind == "chunk"}
-    if chunks and not chunks & set(proven):
+    if chunks and not chunks & unchanged:
         return [Finding(code=Code.OTHER_FILE, file=listed.name, data=sizes, pieces=tuple(lost))]
     runs = [
         [row for _, row in run]
@@ -89,21 +89,18 @@ def check_file(path: Path, listed: FileManifest) -> list[Finding]:
     ]
 
 
-def proven_pieces(data: Buffer, listed: FileManifest) -> dict[int, tuple[int, int]]:
-    """Unchanged pieces of the manifest in a file, by index, with their begin and end there."""
-    extents: dict[int, tuple[int, int]] = {}
-    begin = 0
-    for row, piece in enumerate(listed.pieces):
-        if piece.end <= len(data) and sha256(data[begin : piece.end]) == piece.sha256:
-            extents[row] = (begin, piece.end)
-        begin = piece.end
-    if len(extents) < len(listed.pieces):  # data behind a removed or inserted part has moved
-        ends = {0: ""} | {piece.end: piece.sha256 for piece in file_pieces(data)}
-        moved = {ends[end]: (begin, end) for begin, end in pairwise(ends)}
-        for row, piece in enumerate(listed.pieces):
-            if row not in extents and piece.sha256 in moved:
-                extents[row] = moved[piece.sha256]
-    return extents
+def _unchanged(data: Buffer, listed: FileManifest) -> set[int]:
+    """Rows of the manifest's pieces that are in a file, at their place or moved."""
+    begins = [0, *(piece.end for piece in listed.pieces)]
+    rows = {
+        row
+        for row, (begin, piece) in enumerate(zip(begins, listed.pieces, strict=False))
+        if piece.end <= len(data) and sha256(data[begin : piece.end]) == piece.sha256
+    }
+    if len(rows) < len(listed.pieces):  # data behind a removed or inserted part has moved
+        present = {piece.sha256 for piece in file_pieces(data)}
+        rows |= {row for row, piece in enumerate(listed.pieces) if piece.sha256 in present}
+    return rows
 
 
 def place_of(pieces: Sequence[Piece], rows: Sequence[int]) -> Place:

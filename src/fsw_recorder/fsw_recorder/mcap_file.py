@@ -18,7 +18,7 @@ from pathlib import Path
 
 import lz4.frame
 import zstandard
-from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
@@ -177,15 +177,6 @@ class McapFile:
                 cut_end < data_end,
             )
         )
-
-    def definitions(self) -> bytes:
-        """Records of all schemas and channels read so far."""
-        builder = RecordBuilder()
-        for schema in self._schemas.values():
-            schema.write(builder)
-        for channel in self._channels.values():
-            channel.write(builder)
-        return bytes(builder.end())
 
     def topics(self) -> list[RecordedTopic]:
         """All topics in the file."""
