@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Mapping
 from importlib import resources
+from itertools import count
 from pathlib import Path
 
 from fsw_control.c_library import compiler, run_compiler
@@ -17,7 +18,6 @@ from fsw_export.sources import ControllerSources
 from fsw_export.targets import published
 from fsw_export.templates import render
 from fsw_export.vectors import VectorRecorder, csv_text, recorded
-from fsw_recorder.recording import free_sibling
 
 _WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-pedantic", "-Werror")
 #: as in the exported CMakeLists.txt
@@ -69,7 +69,8 @@ def write_folder(
             check = _run_example(made)
             _document(made, sources, choice.origin, check)
             if out.exists() and any(out.iterdir()):
-                os.rename(out, free_sibling(out))
+                aside = (out.with_name(f"{out.name}_{number}") for number in count(1))
+                os.rename(out, next(path for path in aside if not path.exists()))
             os.rename(made, out)
     except OSError as error:
         raise InputError(f"cannot write {error.filename or out}: {error.strerror}") from None

@@ -37,16 +37,11 @@ def info(arguments: argparse.Namespace) -> int:
 def _info_values(info: BagInfo, ticks: TickCounter) -> dict[str, Any]:
     """Summary as plain values; times in ns or s, sizes in bytes."""
     gaps, (first_ns, last_ns) = ticks.gaps(), ticks.span_ns()
+    kept = ("storage", "ros_distro", "files", "size_bytes", "start_ns", "end_ns", "duration_s")
     return {
+        **{name: getattr(info, name) for name in (*kept, "custom_data", "problems")},
         "path": str(info.path),
-        "storage": info.storage,
-        "ros_distro": info.ros_distro,
-        "files": info.files,
-        "size_bytes": info.size_bytes,
         "messages": info.message_count,
-        "start_ns": info.start_ns,
-        "end_ns": info.end_ns,
-        "duration_s": info.duration_s,
         "first_stamp_ns": first_ns,
         "last_stamp_ns": last_ns,
         "topics": [
@@ -56,14 +51,10 @@ def _info_values(info: BagInfo, ticks: TickCounter) -> dict[str, Any]:
                 "count": info.counts.get(topic.name, 0),
                 "type_hash": topic.type_hash,
                 "ticks_missing": gaps[topic.name].missing if topic.name in gaps else None,
-                "ticks_before": gaps[topic.name].before if topic.name in gaps else None,
-                "ticks_after": gaps[topic.name].after if topic.name in gaps else None,
             }
             for topic in info.topics
         ],
         "attachments": {file.name: len(file.data) for file in info.attachments},
-        "custom_data": info.custom_data,
-        "problems": info.problems,
     }
 
 
@@ -85,14 +76,7 @@ def _print(info: BagInfo, ticks: TickCounter) -> None:
         if gap.missing:
             first = f"first of stamp {gap.first_ns * 1e-9:.3f} s"
             rows.append(("Ticks", f"{name}: {gap.missing} missing (not sent or lost), {first}"))
-        if gap.before or gap.after:
-            rows.append(
-                (
-                    "Ticks",
-                    f"{name}: begins {gap.before} ticks after the bag, ends {gap.after} before it",
-                )
-            )
-    if gaps and not any(gap.missing or gap.before or gap.after for gap in gaps.values()):
+    if gaps and not any(gap.missing for gap in gaps.values()):
         rows.append(("Ticks", f"none missing on {len(gaps)} topics, according to their stamps"))
     print_table(rows)
     print()

@@ -435,7 +435,7 @@ fsw.simulate("quick", "decentral")
 assert not {"fsw_nmpc", "matplotlib", "mcap", "rosbags"} & sys.modules.keys()
 parser("fsw.py", "status").parse_args(["status", "--timeout", "1"])
 assert not {"matplotlib", "scipy.signal", "rclpy"} & sys.modules.keys()
-extras = "skfem meshio distributed pyarrow cryptography fpdf shtab gymnasium pandas xarray asyncua"
+extras = "skfem meshio distributed pyarrow cryptography fpdf shtab gymnasium pandas asyncua"
 sys.modules.update(dict.fromkeys([*extras.split(), "starlette", "rclpy"]))
 assert parser("fsw.py", "bag").parse_args(["bag", "info", "x"]).verb == "info"
 assert parser().parse_args(["completion", "bash"]).shell == "bash"

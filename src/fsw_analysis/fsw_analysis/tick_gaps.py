@@ -23,16 +23,10 @@ _LONGEST_GAP_NS = 60 * NANOSECONDS
 
 
 class TickGaps(NamedTuple):
-    """Gaps of a topic: ticks between its first and last message, and the stamp of the first of them [ns].
-
-    ``before`` and ``after`` are the ticks of the bag outside: it began later or ended earlier than
-    another topic.
-    """
+    """Ticks of the bag that a topic lacks, and the stamp of the first of them [ns]."""
 
     missing: int
     first_ns: int
-    before: int
-    after: int
 
 
 class TickCounter:
@@ -68,16 +62,11 @@ class TickCounter:
         if not stamps:
             return {}
         ticks = _filled(np.unique(np.concatenate(list(stamps.values()))))
-        result: dict[str, TickGaps] = {}
-        for topic, own in stamps.items():
-            begin, end = (
-                int(np.searchsorted(ticks, own[0])),
-                int(np.searchsorted(ticks, own[-1], side="right")),
-            )
-            lacking = np.setdiff1d(ticks[begin:end], own, assume_unique=True)
-            first_ns = int(lacking[0]) if lacking.size else 0
-            result[topic] = TickGaps(lacking.size, first_ns, begin, ticks.size - end)
-        return result
+        lacking = {topic: np.setdiff1d(ticks, own) for topic, own in stamps.items()}
+        return {
+            topic: TickGaps(lost.size, int(lost[0]) if lost.size else 0)
+            for topic, lost in lacking.items()
+        }
 
 
 def _filled(ticks: IntArray) -> IntArray:
