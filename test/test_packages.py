@@ -1,15 +1,15 @@
 """The packages of the workspace: what they import is what their package.xml says, and every arrow points down."""
 
 import ast
-import json
 import re
-import subprocess
 import sys
 import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
+from contextlib import chdir
 from functools import cache
 from pathlib import Path
+from runpy import run_path
 from typing import Any
 
 import pytest
@@ -371,16 +371,15 @@ def test_a_circle_of_sub_packages_would_be_found(tmp_path: Path) -> None:
     assert circle(folder_edges(outer)) == []
 
 
+@cache
 def set_up(package: Path) -> dict[str, Any]:
     """What a package's setup.py hands to setuptools, where colcon runs it."""
-    program = (
-        "import json, setuptools; setuptools.setup = lambda **given: print(json.dumps(given, default=repr))\n"
-        "exec(open('setup.py').read(), {'__file__': 'setup.py'})"
-    )
-    ran = subprocess.run(
-        [sys.executable, "-c", program], cwd=package, capture_output=True, text=True, check=True
-    )
-    return dict(json.loads(ran.stdout))
+    given: dict[str, Any] = {}
+    with chdir(package), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("setuptools.setup", lambda **words: given.update(words))
+        patch.syspath_prepend(str(package))
+        run_path("setup.py")
+    return given
 
 
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fsw_analysis.weld_events import WeldEvent
+from fsw_analysis.weld_signals import WeldEvent
 from fsw_control.schema.models import InputError
 from fsw_quality.comparison import MOST, accepted_before, compare
 from fsw_quality.record import assemble, estimated, times_of_control, told_by_watch

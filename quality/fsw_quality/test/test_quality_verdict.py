@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from fsw_analysis.course import course_of
 from fsw_analysis.procedure import WeldData
 from fsw_analysis.rules import Fact, FactCode, Verdict
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import DriveSignals, FusedSignals, WeldSignals
+from fsw_analysis.weld_signals import DriveSignals, FusedSignals, WeldEvent, WeldSignals
 from fsw_control.cause import Cause
 from fsw_quality.record import assemble, attached_procedures, welded
 from fsw_quality.record_content import Record

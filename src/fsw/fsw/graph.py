@@ -131,13 +131,16 @@ _NODE = option("node", metavar="NODE", help="name, e.g. fsw_nmpc; 'status' lists
 _NAME = option("name", metavar="NAME", help="of the parameter")
 PARAM = group("param", "parameters of a running node: list, get, set")
 PARAM_LIST = _command(
-    "param list", "all parameters of a node with their values and meaning", "params_ros:run", _NODE
+    "param list",
+    "all parameters of a node with their values and meaning",
+    "node_ros:parameters",
+    _NODE,
 )
-PARAM_GET = _command("param get", "value of a parameter", "params_ros:run", _NODE, _NAME)
+PARAM_GET = _command("param get", "value of a parameter", "node_ros:parameters", _NODE, _NAME)
 PARAM_SET = _command(
     "param set",
     "change a parameter; the node may refuse, with a reason",
-    "params_ros:run",
+    "node_ros:parameters",
     *(_NODE, _NAME),
     option("value", metavar="VALUE", help="new value, as YAML"),
 )
@@ -147,16 +150,16 @@ LIFECYCLE = group("lifecycle", "managed nodes (plant, gateway, recorder): list, 
 LIFECYCLE_LIST = _command(
     "lifecycle list",
     "the managed nodes, or the transitions that a node has now",
-    "lifecycle_ros:run",
+    "node_ros:lifecycle",
     option("node", nargs="?", default="", **_MANAGED),
 )
 LIFECYCLE_GET = _command(
-    "lifecycle get", "state of a node", "lifecycle_ros:run", option("node", **_MANAGED)
+    "lifecycle get", "state of a node", "node_ros:lifecycle", option("node", **_MANAGED)
 )
 LIFECYCLE_SET = _command(
     "lifecycle set",
     "a transition of a node: configure, activate, deactivate, cleanup or shutdown",
-    "lifecycle_ros:run",
+    "node_ros:lifecycle",
     option("node", **_MANAGED),
     option("transition", metavar="TRANSITION", help="label, e.g. activate"),
 )

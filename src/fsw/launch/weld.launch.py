@@ -32,9 +32,8 @@ from fsw_control.schema.extensions import extensions
 from fsw_scenario.controllers import variants_of
 from fsw_scenario.graph import ONCE, STANDBY, Process, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
-from fsw_scenario.procedure import check_signed
+from fsw_scenario.procedure import check_signed, graph_parameters
 from fsw_scenario.procedure import shipped as procedures
-from fsw_scenario.procedure_limits import graph_parameters
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse, shipped
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 import fsw
-from fsw.command import Command, picture
+from fsw.command import picture
 from fsw.errors import CommandError, exit_code
-from fsw.main import ELSEWHERE, GROUP, parser
-from fsw_control.schema.extensions import extensions, loaded
+from fsw.main import GROUP, parser
+from fsw_control.schema.extensions import extensions
 from fsw_test_support.command_line import replaces_nothing, run
 from fsw_test_support.sample_weld import write_sample_weld
 
@@ -233,23 +233,6 @@ def test_missing_api_name_names_its_distribution(monkeypatch):
     monkeypatch.setattr("fsw_control.schema.extensions.extensions", lambda group: {})
     with pytest.raises(AttributeError, match="fsw-lab"):
         assert fsw.identify
-
-
-@pytest.mark.parametrize("distribution", ["fsw-lab", "fsw-quality"])
-def test_commands_and_names_of_other_distributions_are_listed(distribution):
-    package = distribution.replace("-", "_")
-    commands = {
-        command.name if command.name.startswith("bag ") else command.name.split()[0]
-        for name, point in extensions(GROUP).items()
-        if point.value.startswith(package)
-        for command in vars(loaded(GROUP, name)).values()
-        if isinstance(command, Command)
-    }
-    if not commands:
-        pytest.skip(f"{distribution} is not installed")
-    assert commands == set(ELSEWHERE[distribution])
-    names = {n for n, point in extensions("fsw.api").items() if point.value.startswith(package)}
-    assert names == set(fsw.ELSEWHERE[distribution])
 
 
 def test_dashes_alone_suggest_nothing(capsys):

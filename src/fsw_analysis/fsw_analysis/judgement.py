@@ -33,8 +33,7 @@ from fsw_analysis.procedure import (
 )
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.rules import Fact, FactCode, Rule, Verdict, decide
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import SIMULATED_NS, WeldSignals
+from fsw_analysis.weld_signals import SIMULATED_NS, WeldEvent, WeldSignals
 from fsw_control.cause import Cause, Severity
 from fsw_control.schema.models import Model
 from fsw_control.sensors import REQUIRED

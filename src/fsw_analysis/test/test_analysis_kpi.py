@@ -9,8 +9,13 @@ import pytest
 
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.changes import changes, cut_to_scenario, missing_at_end_s
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import StatusSignals, TruthSignals, WeldSignals, experiment_time_s
+from fsw_analysis.weld_signals import (
+    StatusSignals,
+    TruthSignals,
+    WeldEvent,
+    WeldSignals,
+    experiment_time_s,
+)
 from fsw_control.schema.errors import InputError
 
 N = 1000

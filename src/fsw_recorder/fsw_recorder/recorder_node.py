@@ -154,7 +154,11 @@ class RecorderNode(ManagedNode):
         ]
         custom = custom_entries(values["custom_data"])
         options = WriterOptions(
-            **{field.name: values[field.name] for field in fields(WriterOptions)}
+            **{
+                item.name: values[item.name]
+                for item in fields(WriterOptions)
+                if item.name in values
+            }
         )
         requested = folder = output_folder(values["output"], datetime.now())
         if values["number_if_taken"] or not values["output"] or self._recorded:

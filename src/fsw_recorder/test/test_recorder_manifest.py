@@ -18,11 +18,12 @@ from fsw_recorder.manifest import (
     MANIFEST_NAME,
     FileManifest,
     Manifest,
+    check_file,
+    check_files,
     hashed,
     mapped,
     read_manifest,
 )
-from fsw_recorder.manifest_check import check_file, check_files
 from fsw_recorder.signature import Purpose, load_trusted, signer_of
 from fsw_test_support.keys import make_key
 from fsw_test_support.sample_weld import sample_messages, sample_topics

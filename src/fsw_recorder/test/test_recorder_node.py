@@ -435,7 +435,7 @@ def test_a_bag_that_exists_ends_the_start_with_one_line(graph: Any, tmp_path: Pa
     ("parameters", "text"),
     [
         (["output:=b", "scenario:=missing.yaml"], "missing.yaml"),
-        (["output:=c", "chunk_period:=7.0"], "chunk_period"),
+        (["output:=c", "queue_depth:=0"], "queue_depth"),
     ],
 )
 def test_bad_parameters_are_one_line(

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from fsw_analysis.procedure import Identity, Procedure, digest
-from fsw_control.schema.models import content_of, read_text, shipped_names, validate
+from fsw_analysis.rule_book import Limit, Variable
+from fsw_control.parameters import defaults
+from fsw_control.schema.extensions import all_loaded
+from fsw_control.schema.models import InputError, content_of, read_text, shipped_names, validate
+from fsw_control.units import KW_PER_NM_RPM
+from fsw_model import OperatingPointError, ProcessModel, nominal
 from fsw_recorder import signature
+from fsw_recorder.after_recording import BAG
 from fsw_recorder.signature import Purpose, Signer, TrustedKey, load_trusted
+from fsw_supervisor.parameters import SupervisorParameters
 
 __all__ = [
     "Identity",
@@ -102,3 +110,144 @@ def _leaves(path: str, value: Any) -> Iterator[tuple[str, str]]:
             yield from _leaves(f"{path}[{name}{f' {seen[name]}' * (seen[name] > 1)}]", inner)
     else:
         yield path, f"{value:g}" if isinstance(value, float) else str(value)
+
+
+#: the supervisor's low and high interlocks by variable
+_LOW: dict[Variable, str] = {
+    "temperature_c": "temperature_low",
+    "depth_mm": "depth_low",
+    "torque_nm": "torque_low",
+}
+_HIGH: dict[Variable, str] = {
+    "temperature_c": "temperature_high",
+    "depth_mm": "depth_high",
+    "force_kn": "force_high",
+    "torque_nm": "torque_high",
+    "power_kw": "power_high",
+}
+#: limits of the supervisor's commands: the drives', which a procedure may narrow but not widen
+_COMMANDS: dict[Variable, str] = {
+    "force_kn": "limits.force_{}_kn",
+    "speed_rpm": "limits.speed_{}_rpm",
+}
+
+
+def node_parameters(procedure: Procedure) -> dict[str, dict[str, Any]]:
+    """Supervisor parameters derived from a procedure (the operator page reads the file itself).
+
+    Only limits of all phases count, as the supervisor does not know the phase. Trips are the
+    essential limits; warnings are the ends of the permitted set-points or, without any, at the
+    same distance from the trip as in the supervisor's defaults. Parameters that do not follow
+    from the procedure are omitted.
+
+    Raises
+    ------
+    fsw_control.schema.models.InputError
+        If its limits exclude the whole range of the drives.
+    """
+    parameters: dict[str, Any] = {}
+    default = defaults(SupervisorParameters)
+    for names, end in ((_LOW, 0), (_HIGH, 1)):
+        for variable, name in names.items():
+            trip = _narrowest(_always(procedure, variable))[end]
+            if trip is None:
+                continue
+            key = f"interlocks.{name}"
+            points = getattr(procedure.set_points, variable, None)
+            warn = None if points is None else (points.min, points.max)[end]
+            if warn is None or warn == trip:
+                warn = trip - (default[f"{key}.trip"] - default[f"{key}.warn"])
+            parameters |= {f"{key}.warn": warn, f"{key}.trip": trip}
+    for variable, pattern in _COMMANDS.items():
+        keys = pattern.format("min"), pattern.format("max")
+        least, most = (default[key] for key in keys)
+        low, high = _narrowest(_always(procedure, variable))
+        if low is not None:
+            parameters[keys[0]] = max(low, least)
+        if high is not None:
+            parameters[keys[1]] = min(high, most)
+        if parameters.get(keys[0], least) >= parameters.get(keys[1], most):
+            raise InputError(
+                f"procedure {procedure.id}: essential limits of {variable} "
+                f"leave nothing of what the drives can do, {least:g} to {most:g}"
+            )
+    return {"fsw_supervisor": parameters}
+
+
+def graph_parameters(source: str) -> dict[str, dict[str, Any]]:
+    """Node parameters of a weld by a procedure, including the recorder's hooks.
+
+    ``source`` is a YAML file or the name of a shipped procedure.
+
+    Raises
+    ------
+    fsw_control.schema.models.InputError
+        If the procedure cannot be used.
+    """
+    file = str(path_of(source))
+    # a signed file may be anywhere: it is read in place, with its signature
+    commands = [
+        shlex.join(command_of(BAG, file)) for command_of in all_loaded("fsw.record_hooks").values()
+    ]
+    nodes = node_parameters(load(file))
+    return nodes | {
+        "fsw_hmi": {"procedure": file},
+        "fsw_procedure": {"procedure": file},
+        "fsw_recorder": {"attach": [file]} | ({"on_finished": commands} if commands else {}),
+    }
+
+
+def check_possible(procedure: Procedure) -> None:
+    """Compare the essential limits with the model's needs at the procedure's set-points.
+
+    Raises
+    ------
+    fsw_control.schema.models.InputError
+        If a weld at its set-points violates an essential limit, or the model has no equilibrium
+        there.
+    """
+    points = procedure.set_points
+    at = f"{points.depth_mm.value:g} mm and {points.temperature_c.value:g} °C"
+    try:
+        needed = ProcessModel(nominal()).equilibrium(
+            points.depth_mm.value, points.temperature_c.value
+        )
+    except OperatingPointError as error:
+        raise InputError(
+            f"procedure {procedure.id}: its set-points cannot be held: {error}"
+        ) from None
+    torque_nm = needed.outputs.motor_torque_nm
+    values: dict[Variable, float] = {
+        "force_kn": needed.force_kn,
+        "speed_rpm": needed.speed_rpm,
+        "torque_nm": torque_nm,
+        "power_kw": torque_nm * needed.speed_rpm * KW_PER_NM_RPM,
+        "traverse_mm_per_min": procedure.machine.traverse_mm_per_min,
+    }
+    for limit in procedure.essential:
+        value = values.get(limit.variable)
+        if value is not None and not limit.holds(value):
+            whose = (
+                "the machine has"
+                if limit.variable == "traverse_mm_per_min"
+                else f"the model needs at {at}"
+            )
+            raise InputError(
+                f"procedure {procedure.id}: essential limit {limit.words} is impossible: "
+                f"{value:.4g} is what {whose}"
+            )
+
+
+def _always(procedure: Procedure, variable: Variable) -> list[Limit]:
+    phases = {phase.name for phase in procedure.phases}
+    return [
+        row
+        for row in procedure.essential
+        if row.variable == variable and (not row.phases or set(row.phases) == phases)
+    ]
+
+
+def _narrowest(limits: list[Limit]) -> tuple[float | None, float | None]:
+    lows = [bound.min for bound in limits if bound.min is not None]
+    highs = [bound.max for bound in limits if bound.max is not None]
+    return max(lows, default=None), min(highs, default=None)

@@ -14,8 +14,15 @@ from fsw.outputs import check_new, write_text
 from fsw_control.schema.files import read_regular
 from fsw_control.schema.models import content_of, validate
 from fsw_recorder.signature import Purpose, sign, signature_path
-from fsw_scenario.procedure import Procedure, differences, load, shipped, signer_of
-from fsw_scenario.procedure_limits import check_possible, node_parameters
+from fsw_scenario.procedure import (
+    Procedure,
+    check_possible,
+    differences,
+    load,
+    node_parameters,
+    shipped,
+    signer_of,
+)
 
 PROCEDURE = group(
     "procedure",
