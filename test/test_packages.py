@@ -198,7 +198,6 @@ OPTIONAL = {
     "control",
     "do_mpc",
     "gymnasium",
-    "shtab",
 }
 
 

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.course import SENSOR_SIGNALS, Course
-from fsw_analysis.exceedances import beyond
+from fsw_analysis.course import SENSOR_SIGNALS, Course, beyond
 from fsw_analysis.judgement import Evidence, judge
 from fsw_analysis.phase_kpi import ErrorStatistics
 from fsw_analysis.procedure import Procedure, attached, weld_data_of

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Strict
 
-from fsw_analysis.exceedances import Exceedance, Pair, Rounded
+from fsw_analysis.course import Exceedance, Pair, Rounded
 from fsw_analysis.procedure import Identity, WeldData
 from fsw_analysis.rules import Fact, Rule, Verdict
 from fsw_analysis.weld_signals import WeldEvent

@@ -10,9 +10,9 @@ from fsw.bags import DAMAGED_TOO, bag_argument
 from fsw.command import FORCE, command, file
 from fsw.console import ProgressBar, print_table
 from fsw.outputs import check_new, write_json
-from fsw_analysis.tick_gaps import TickCounter
 from fsw_control.units import NANOSECONDS
 from fsw_recorder.bag_reader import BagInfo, BagReader
+from fsw_recorder.weld_clock import TickCounter
 
 _KIB = 1024
 

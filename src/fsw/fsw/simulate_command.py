@@ -6,6 +6,7 @@ import argparse
 import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -190,8 +191,9 @@ def write_results(
     ``ending`` is the figures' format, or None to leave them out.
     """
     results = [kpi.compute(run.signals, run.label) for run in runs]
-    print(kpi_table.markdown(results), end="")
-    paths = kpi_table.write(results, folder)
+    text = kpi_table.markdown(results)
+    print(text, end="")
+    paths = kpi_table.write_both(results, text, folder / "kpi")
     if ending:
         paths += draw(runs, scenario.figures, folder, ending=ending)
     if scenario.phases:
@@ -204,7 +206,8 @@ def write_results(
             phase_kpi.compute(run.signals, run.label, inside)
             for run, inside in zip(runs, phases, strict=True)
         ]
-        paths += phase_kpi.write(by_phase, folder)
+        rows = [asdict(row) for run in by_phase for row in run]
+        paths += kpi_table.write_both(rows, phase_kpi.markdown(by_phase), folder / "phases")
         if ending:
             paths.append(folder / f"weld.{ending}")
             draw_whole_weld(runs, phases[0], f"Whole weld ({scenario.name})", paths[-1])

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from fsw_analysis.course import Course, UnusableRun
-from fsw_analysis.exceedances import Exceedance
+from fsw_analysis.course import Course, Exceedance, UnusableRun
 from fsw_analysis.judgement import Account
 from fsw_analysis.rules import FactCode, Rule, Verdict
 from fsw_control.sensors import SENSORS

@@ -18,12 +18,16 @@ import numpy as np
 from fsw_analysis.course import (
     SENSOR_SIGNALS,
     Course,
+    Exceedance,
     UnusableRun,
     UnusableSamples,
     course_of,
+    exceedances,
+    holds,
+    length_mm,
+    longest_s,
     unusable_samples,
 )
-from fsw_analysis.exceedances import Exceedance, exceedances, holds, length_mm, longest_s
 from fsw_analysis.procedure import (
     Procedure,
     Sensor,

@@ -138,11 +138,6 @@ class Kpi(dict[str, Any]):
     __str__ = _repr_markdown_ = __repr__
 
 
-def write(runs: Sequence[dict[str, Any]], folder: Path) -> list[Path]:
-    """Write ``kpi.json`` (the list of runs) and ``kpi.md`` into ``folder``; returns their paths."""
-    return write_both(list(runs), markdown(runs), folder / "kpi")
-
-
 def write_both(data: list[dict[str, Any]], text: str, stem: Path) -> list[Path]:
     """Write data as ``<stem>.json`` and their table as ``<stem>.md``; returns the paths."""
     contents = {".json": json.dumps(data, indent=2, allow_nan=False) + "\n", ".md": text}

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import astuple, dataclass
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 
 from fsw_analysis.kpi import true_or_measured
-from fsw_analysis.kpi_table import write_both
 from fsw_analysis.report import table
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 
@@ -140,10 +138,3 @@ def _words(error: ErrorStatistics | None, factor: float, digits: int) -> str:
         return "-"
     mean, sigma, low, high = (factor * value for value in astuple(error))
     return f"{mean:+.{digits}f}, {sigma:.{digits}f}, {low:+.{digits}f}, {high:+.{digits}f}"
-
-
-def write(runs: Sequence[Sequence[PhaseFigures]], folder: Path) -> list[Path]:
-    """Write ``phases.json`` and ``phases.md`` into ``folder``; returns their paths."""
-    return write_both(
-        [asdict(row) for rows in runs for row in rows], markdown(runs), folder / "phases"
-    )

@@ -13,8 +13,7 @@ from fsw_control.coded import Fact
 from fsw_control.parameters import defaults
 from fsw_control.schema.models import InputError
 from fsw_scenario import procedure
-from fsw_scenario.procedure import graph_parameters, node_parameters
-from fsw_scenario.procedure_watch import Deviation, ProcedureWatch
+from fsw_scenario.procedure import Deviation, ProcedureWatch, graph_parameters, node_parameters
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_test_support.judged_weld import short_procedure
 

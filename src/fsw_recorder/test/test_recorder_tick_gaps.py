@@ -5,9 +5,8 @@ import struct
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_analysis.tick_gaps import TickCounter, TickGaps
 from fsw_recorder.bag_reader import BagRecord
-from fsw_recorder.weld_clock import is_ticking, stamp_ns
+from fsw_recorder.weld_clock import TickCounter, TickGaps, is_ticking, stamp_ns
 
 PERIOD_NS = 100_000_000
 
