@@ -8,6 +8,7 @@ from contextlib import suppress
 from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -337,10 +338,9 @@ def compare(
         if isinstance(controllers, Mapping):
             own["label"] = name
         weld = simulate(scenario, controller, **{**options, **own})
-        label, number = weld.label, 1
-        while weld.label in welds:
-            number += 1
-            weld.label = f"{label} ({number})"
+        numbered = (f"{weld.label} ({number})" for number in count(2))
+        if weld.label in welds:
+            weld.label = next(label for label in numbered if label not in welds)
         welds[weld.label] = weld
     return welds
 

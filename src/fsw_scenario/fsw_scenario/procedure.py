@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -101,14 +102,11 @@ def _leaves(path: str, value: Any) -> Iterator[tuple[str, str]]:
         for key, inner in value.items():
             yield from _leaves(f"{path}.{key}" if path else key, inner)
     elif isinstance(value, list):
-        seen: dict[str, int] = {}
+        seen: Counter[str] = Counter()
         for row, inner in enumerate(value):
-            name = (
-                str(inner.get("name") or inner.get("variable"))
-                if isinstance(inner, dict)
-                else str(row)
-            )
-            seen[name] = seen.get(name, 0) + 1
+            keys = inner if isinstance(inner, dict) else {}
+            name = str(keys.get("name") or keys.get("variable") or row)
+            seen[name] += 1
             yield from _leaves(f"{path}[{name}{f' {seen[name]}' * (seen[name] > 1)}]", inner)
     else:
         yield path, f"{value:g}" if isinstance(value, float) else str(value)
