@@ -112,9 +112,8 @@ def put(content: dict[str, Any], path: str, value: Any, where: str = "override")
     inside: Any = content
     for i, step in enumerate(steps):
         by_number = isinstance(step, int)
-        if not isinstance(inside, list if by_number else dict) or (
-            by_number and step >= len(inside)
-        ):
+        kind = list if by_number else dict
+        if type(inside) is not kind or (by_number and step >= len(inside)):
             have = f"{len(inside)} entries from 0" if isinstance(inside, list) else "none"
             what = f"no [{step}]: it has {have}" if by_number else "no named values; give it whole"
             raise InputError(f"{where}: {steps[i - 1]} of {path} has {what}")
