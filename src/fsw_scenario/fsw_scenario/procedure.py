@@ -1,4 +1,4 @@
-"""Files of welding procedures: shipped ones, and differences between two."""
+"""Welding procedures in use: their files, what follows from them, differences, deviations."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fsw_analysis.procedure import Identity, Procedure, digest, tuning_sha256
+from fsw_analysis.procedure import Procedure, tuning_sha256
 from fsw_analysis.rule_book import Limit, Variable
 from fsw_control.cause import Cause
 from fsw_control.coded import Fact, Worded
@@ -22,17 +22,6 @@ from fsw_recorder.after_recording import BAG
 from fsw_recorder.signature import Purpose, Signer, TrustedKey, load_trusted
 from fsw_supervisor.parameters import SupervisorParameters
 
-__all__ = [
-    "Identity",
-    "Procedure",
-    "check_signed",
-    "differences",
-    "digest",
-    "load",
-    "path_of",
-    "shipped",
-    "signer_of",
-]
 _SHIPPED = Path(__file__).parent / "procedures"
 
 
