@@ -1,4 +1,4 @@
-"""``fsw.py bag info`` and ``bag recover``: contents of a bag, and an intact copy of a damaged one."""
+"""``fsw.py bag info`` and ``bag recover``: contents of a bag, an intact copy of a damaged one."""
 
 from __future__ import annotations
 

@@ -144,7 +144,18 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
         prepare(PlantConfig.from_values(scenario.plant))
     began, ending = time.monotonic(), parsed.format or "png"
     folder = new_folder(parsed, "demo")
-    if not middleware_is_here():
+    if middleware_is_here():
+        pace = "10 Hz on the wall clock" if parsed.realtime else "lockstep, as fast as possible"
+        print(f"weld in closed loop over DDS, {pace}; results go to {folder}", file=sys.stderr)
+        welds = [_graphs(scenario, controllers, folder, parsed.realtime) for scenario in scenarios]
+        at_a_time = 1 if parsed.realtime else os.cpu_count() or 1
+        run_side_by_side([graph for graphs in welds for graph in graphs.values()], at_a_time)
+        written = [
+            path
+            for scenario, graphs in zip(scenarios, welds, strict=True)
+            for path in _results(scenario, graphs, folder / scenario.name, ending)
+        ]
+    else:
         print(
             f"no ROS 2 here: welds in one process, without bags; results go to {folder}",
             file=sys.stderr,
@@ -154,24 +165,9 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
             for name in names
             for path in _without_middleware(name, controllers, folder, ending)
         ]
-        return _print_end(began, written)
-    pace = (
-        "10 Hz on the wall clock"
-        if parsed.realtime
-        else "lockstep, as fast as the slowest process"
-    )
-    print(f"weld in closed loop over DDS, {pace}; results go to {folder}", file=sys.stderr)
-    welds = {
-        scenario.name: _graphs(scenario, controllers, folder, parsed.realtime)
-        for scenario in scenarios
-    }
-    at_a_time = 1 if parsed.realtime else os.cpu_count() or 1
-    run_side_by_side([graph for graphs in welds.values() for graph in graphs.values()], at_a_time)
-    written = []
-    for scenario in scenarios:
-        place = folder / scenario.name
-        written += _results(scenario, welds[scenario.name], place, ending)
-    return _print_end(began, written)
+    print(f"done in {time.monotonic() - began:.0f} s; look at")
+    print("\n".join(f"  {path}" for path in written))
+    return 0
 
 
 def _without_middleware(
@@ -189,13 +185,6 @@ def _without_middleware(
     place = folder / scenario.name
     place.mkdir()
     return write_results(scenario, runs, place, ending)
-
-
-def _print_end(began: float, written: Sequence[Path]) -> int:
-    print(f"done in {time.monotonic() - began:.0f} s; look at")
-    for path in written:
-        print(f"  {path}")
-    return 0
 
 
 def _graphs(
