@@ -29,8 +29,7 @@ from fsw_recorder.manifest import Manifest
 from fsw_recorder.signature import PREDICATE_TYPE, KeyList, Purpose
 from fsw_scenario import scenario_file
 from fsw_scenario.scenario import Scenario
-from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM
-from fsw_scenario.weld_programme_file import LIMITS
+from fsw_scenario.weld_programme import CANISTER_DIAMETER_MM, LIMITS
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 #: page of what is public in Python, by package

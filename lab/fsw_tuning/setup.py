@@ -1,17 +1,9 @@
 """Ament package fsw_tuning."""
 
-from setuptools import find_packages, setup
+import sys
+from pathlib import Path
 
-package_name = "fsw_tuning"
+sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
+from _ament import setup_package
 
-setup(
-    name=package_name,
-    version="0.3.0",
-    packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["py.typed"]},
-    data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
-        (f"share/{package_name}", ["package.xml"]),
-    ],
-    extras_require={"test": ["pytest"]},
-)
+setup_package(__file__)

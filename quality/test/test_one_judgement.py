@@ -14,8 +14,7 @@ from fsw_analysis.judgement import Account, judge
 from fsw_analysis.procedure import rule_book
 from fsw_analysis.rule_book import RuleBook, default
 from fsw_analysis.rules import Verdict
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import WeldSignals
+from fsw_analysis.weld_signals import WeldEvent, WeldSignals
 from fsw_control.cause import Cause
 from fsw_hmi import bag_view
 from fsw_hmi.frames import COLUMNS

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import WeldSignals
+from fsw_analysis.weld_signals import WeldEvent, WeldSignals
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, Progress, State
 

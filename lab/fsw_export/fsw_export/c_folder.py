@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Mapping
 from importlib import resources
+from itertools import count
 from pathlib import Path
 
 from fsw_control.c_library import compiler, run_compiler
@@ -33,7 +34,7 @@ def check_folder(out: Path, replace: bool = False) -> None:
     if out.exists() and not (
         out.is_dir() and (not any(out.iterdir()) or (replace and (out / _MARK).exists()))
     ):
-        again = "; --force deletes it" if (out / _MARK).exists() else ""
+        again = "; --force moves it aside" if (out / _MARK).exists() else ""
         kind = "an earlier export" if again else "something else"
         raise InputError(
             f"{out}: holds {kind}; give a folder that does not exist yet, or an empty one{again}"
@@ -49,7 +50,7 @@ def write_folder(
     """Weld with a controller to record test vectors, write its folder, compile the example and run it on them.
 
     Returns what the example printed. The folder must not exist yet, or be empty; with ``replace``
-    an earlier export there is deleted, with everything that was added to it. ``progress`` is
+    an earlier export there is kept as the first free ``FOLDER_1``, ``FOLDER_2``, ... ``progress`` is
     called with the share of the weld that is done, 0 to 1.
 
     Raises
@@ -67,8 +68,9 @@ def write_folder(
             fill(made, sources, vectors)
             check = _run_example(made)
             _document(made, sources, choice.origin, check)
-            if out.exists():
-                shutil.rmtree(out)
+            if out.exists() and any(out.iterdir()):
+                aside = (out.with_name(f"{out.name}_{number}") for number in count(1))
+                os.rename(out, next(path for path in aside if not path.exists()))
             os.rename(made, out)
     except OSError as error:
         raise InputError(f"cannot write {error.filename or out}: {error.strerror}") from None

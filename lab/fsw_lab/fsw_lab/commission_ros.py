@@ -13,8 +13,8 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 
 from fsw.errors import CommandError
 from fsw.graph_ros import health
+from fsw.node_ros import client_of
 from fsw.operator_node import Operator, domain_text, operator
-from fsw.params_ros import client_of
 from fsw.weld_ros import abort, follow
 from fsw_control import messages_ros as convert
 from fsw_control import units

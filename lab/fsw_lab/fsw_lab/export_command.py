@@ -19,7 +19,6 @@ from fsw.command import (
 )
 from fsw.console import ProgressBar, print_table
 from fsw.errors import CommandError
-from fsw.outputs import check_folder
 
 EXPORT = group(
     "export",
@@ -62,7 +61,6 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     "weld, function block, README. The example is compiled and run before the folder is moved into place.",
 )
 def export_c(arguments: argparse.Namespace) -> int:
-    check_folder(arguments, arguments.out)
     try:
         with ProgressBar("weld of the test vectors") as bar:
             check = fsw.export_c(

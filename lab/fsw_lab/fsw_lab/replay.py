@@ -20,8 +20,7 @@ import numpy as np
 
 from fsw_analysis.messages import SENSOR_TOPICS, Kind, Table, WeldMessages, stamp_of
 from fsw_analysis.procedure import recorded_parameters
-from fsw_analysis.set_points import HELD, PLANNED, SENT, read_set_points, timeline
-from fsw_analysis.signals import FIELDS, reasons
+from fsw_analysis.signals import FIELDS, HELD, PLANNED, SENT, read_set_points, reasons, timeline
 from fsw_analysis.weld_signals import SIMULATED_NS, experiment_time_s
 from fsw_control.common_parameters import hosted
 from fsw_control.contract import Command, Controller, Proposal, Reference

@@ -138,8 +138,8 @@ def test_nothing_but_the_listed_library_functions(objects, controller):
         (["--tuning", "wrong.yaml"], "copper_lag_s is an unknown key"),
         (["--parameter", "calmness=1e9"], "calmness"),
         (["--parameter", "calmness"], "NAME=VALUE"),
-        (["--out", "full"], "folder full exists"),
-        (["--out", "full", "--force"], "folder full exists"),
+        (["--out", "full"], "full: holds something else"),
+        (["--out", "full", "--force"], "full: holds something else"),
         (["--out", "nowhere/made"], "cannot write"),
         (
             ["--model", "strong.yaml"],
@@ -169,7 +169,7 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 @pytest.mark.full
 def test_another_model_and_tuning(tmp_path):
-    """The model's numbers are in the tables; an export again replaces the one before only when it may."""
+    """The model's numbers are in the tables; an export again moves the one before aside, if it may."""
     (tmp_path / "model.yaml").write_text("dead_time_s: 1.83\ncopper_lag_s: 20.0\n")
     out = tmp_path / "made"
     command = [sys.executable, "-c", "import sys; from fsw.main import main; sys.exit(main())"]

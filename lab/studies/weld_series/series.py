@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from fsw_analysis.procedure import Procedure
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_campaign.programme_signals import progress
 from fsw_control.journal import RequestKind
@@ -22,7 +23,6 @@ from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_scenario import procedure
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import described_in, make_all, variant_of
-from fsw_scenario.procedure import Procedure
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
 from fsw_scenario.weld_programme import spans

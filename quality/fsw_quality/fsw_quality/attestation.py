@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
+from fsw_analysis.procedure import Identity
 from fsw_control.schema.models import InputError, Many
 from fsw_recorder import signature
 from fsw_recorder.bag_metadata import IDENTITY
@@ -21,7 +22,6 @@ from fsw_recorder.bag_reader import SUFFIXES
 from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, Finding, finding
 from fsw_recorder.manifest import Manifest, sha256
-from fsw_scenario.procedure import Identity
 
 T = TypeVar("T")
 #: clocks of two computers may differ by so much (chosen)

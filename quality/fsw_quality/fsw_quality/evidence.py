@@ -21,8 +21,16 @@ from fsw_recorder.bag_metadata import ATTESTATION_NAME, IDENTITY, METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, EvidenceError, Finding, Unchecked, finding
-from fsw_recorder.manifest import MANIFEST_NAME, Manifest, mapped, read_manifest, sha256
-from fsw_recorder.manifest_check import check_file, check_files, is_read
+from fsw_recorder.manifest import (
+    MANIFEST_NAME,
+    Manifest,
+    check_file,
+    check_files,
+    is_read,
+    mapped,
+    read_manifest,
+    sha256,
+)
 from fsw_recorder.signature import Purpose, Signer, Statement, TrustedKey
 
 if TYPE_CHECKING:  # from the extra signing

@@ -11,9 +11,9 @@ from matplotlib.patches import Patch
 
 from fsw_analysis.course import Course
 from fsw_analysis.figure_style import png, sheet
+from fsw_analysis.procedure import Procedure
 from fsw_analysis.rule_book import Kind
 from fsw_quality.record_content import Record
-from fsw_scenario.procedure import Procedure
 
 _PANELS = {
     "depth_mm": "depth [mm]",

@@ -12,15 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.course import SENSOR_SIGNALS, Course
-from fsw_analysis.exceedances import beyond
+from fsw_analysis.course import SENSOR_SIGNALS, Course, beyond
 from fsw_analysis.judgement import Evidence, judge
 from fsw_analysis.phase_kpi import ErrorStatistics
 from fsw_analysis.procedure import Procedure, attached, weld_data_of
 from fsw_analysis.rules import Fact, FactCode
 from fsw_analysis.signals import load_weld
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import FloatArray, FusedSignals, WeldSignals
+from fsw_analysis.weld_signals import FloatArray, FusedSignals, WeldEvent, WeldSignals
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.diagnostic_names import qualified
 from fsw_control.schema.extensions import MissingExtraError
@@ -49,8 +47,7 @@ from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.definitions import Definitions, definition_of
 from fsw_recorder.errors import BagError
 from fsw_recorder.findings import EvidenceError
-from fsw_recorder.manifest import MANIFEST_NAME, mapped, read_manifest, sha256
-from fsw_recorder.manifest_check import check_files
+from fsw_recorder.manifest import MANIFEST_NAME, check_files, mapped, read_manifest, sha256
 from fsw_recorder.signature import Purpose, signer_of
 
 #: node that watches the procedure, and where it tells what it finds

@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Strict
 
-from fsw_analysis.exceedances import Exceedance, Pair, Rounded
+from fsw_analysis.course import Exceedance, Pair, Rounded
 from fsw_analysis.procedure import Identity, WeldData
 from fsw_analysis.rules import Fact, Rule, Verdict
-from fsw_analysis.weld_events import WeldEvent
+from fsw_analysis.weld_signals import WeldEvent
 from fsw_control.cause import Cause
 from fsw_control.schema.models import Many, Model, json_content_of
 from fsw_recorder.bag_metadata import METADATA_NAME

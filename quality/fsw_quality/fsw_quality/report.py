@@ -10,13 +10,13 @@ from pathlib import Path
 import matplotlib
 
 from fsw_analysis.course import Course
+from fsw_analysis.procedure import Procedure
 from fsw_analysis.report import page, source
 from fsw_control.schema.files import write_whole
 from fsw_control.units import NANOSECONDS
 from fsw_quality import figures, record_hook
 from fsw_quality.record_content import Record
 from fsw_recorder.manifest import sha256
-from fsw_scenario.procedure import Procedure
 
 #: of a section in the PDF: its heading, and a table's head and first row, which stand on one page
 _BEGIN_MM = 25.0

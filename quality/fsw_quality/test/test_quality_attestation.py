@@ -21,7 +21,7 @@ from fsw_recorder.bag_writer import BagWriter, WriterOptions
 from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, EvidenceError, Unchecked
 from fsw_recorder.manifest import MANIFEST_NAME
-from fsw_recorder.recover import recover, recover_proven
+from fsw_recorder.recover import recover
 from fsw_recorder.signature import (
     Purpose,
     Stated,
@@ -195,17 +195,6 @@ def test_damage_is_located_to_file_and_chunk(shop: Shop) -> None:
     assert (finding.code, finding.file) == (Code.CHANGED, "weld_1_0.mcap")
     assert finding.place is not None and finding.place.parts[0].startswith("chunk ")
     assert shop.refused(1) == [Code.CHANGED]
-    recover_proven(shop.bag(1), shop.bag(8), (ATTESTATION_NAME,))
-    result = shop.verified(8)
-    assert result.attested is not None and result.attested.number == 1
-    assert (
-        sum(
-            any("chunk" in part for part in finding.place.parts)
-            for finding in result.findings
-            if finding.place
-        )
-        == 1
-    )
 
 
 def test_an_exchanged_bag_or_manifest_is_found(shop: Shop) -> None:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from fsw_analysis.weld_events import WeldEvent
+from fsw_analysis.procedure import Procedure
+from fsw_analysis.weld_signals import WeldEvent
 from fsw_control.schema.models import InputError
 from fsw_quality.comparison import MOST, accepted_before, compare
 from fsw_quality.record import assemble, estimated, times_of_control, told_by_watch
@@ -16,7 +17,6 @@ from fsw_quality.record_content import BagFile, Record
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
 from fsw_recorder.definitions import Definitions, interface_definition, interface_hash
-from fsw_scenario.procedure import Procedure
 from fsw_test_support.judged_weld import good_weld, short_procedure
 from fsw_test_support.sample_weld import SampleTypes
 

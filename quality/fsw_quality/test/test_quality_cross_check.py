@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import yaml
 
-from fsw_analysis.procedure import WeldData
+from fsw_analysis.procedure import Procedure, WeldData
 from fsw_quality import record, report
 from fsw_quality.attestation import Chain
 from fsw_quality.evidence import Policy, Subject, attest, verify_bag
@@ -26,7 +26,7 @@ from fsw_recorder.signature import (
     sign,
     signature_path,
 )
-from fsw_scenario.procedure import Procedure, load, signer_of
+from fsw_scenario.procedure import load, signer_of
 from fsw_test_support.keys import make_key
 from fsw_test_support.programme_bag import write_programme_weld
 

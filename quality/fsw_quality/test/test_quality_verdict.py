@@ -13,14 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fsw_analysis.course import course_of
-from fsw_analysis.procedure import WeldData
+from fsw_analysis.procedure import Procedure, WeldData, digest
 from fsw_analysis.rules import Fact, FactCode, Verdict
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import DriveSignals, FusedSignals, WeldSignals
+from fsw_analysis.weld_signals import DriveSignals, FusedSignals, WeldEvent, WeldSignals
 from fsw_control.cause import Cause
 from fsw_quality.record import assemble, attached_procedures, welded
 from fsw_quality.record_content import Record
-from fsw_scenario.procedure import Procedure, digest
 from fsw_test_support.judged_weld import DWELL, TICKS, good_weld, short_procedure
 
 ORDER = list(Verdict)

@@ -7,12 +7,15 @@ module per command.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import fsw_scenario  # noqa: F401  (before numpy: it sets the number of linear algebra threads)
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     from fsw.controller import Controller as Controller
     from fsw.processes import Model as Model
     from fsw.processes import model as model
@@ -47,35 +50,28 @@ _PLACES = {
 }
 MODULE_OF = {name: module for module, names in _PLACES.items() for name in names}
 __all__ = sorted(MODULE_OF)
-#: public names of our other distributions
-ELSEWHERE = {
-    "fsw-lab": (
-        *("Identified", "campaign", "export_c", "export_fmu", "identify", "read_table", "tune"),
-    ),
-    "fsw-quality": ("record",),
-}
+#: folders of our other distributions, each with a package that adds names and commands
+ELSEWHERE = ("lab", "quality")
 
 
-def missing(distribution: str) -> str:
-    """Name a distribution of ours that is not installed, and how to install it."""
-    folder = distribution.removeprefix("fsw-")
-    return f"{distribution}, which is not installed: pip install ./{folder} in the repository"
+def missing(points: Mapping[str, EntryPoint]) -> str:
+    """Which other distributions of ours have no entry point of a group, to end an error."""
+    here = {point.value.partition(".")[0] for point in points.values()}
+    folders = [folder for folder in ELSEWHERE if f"fsw_{folder}" not in here]
+    named = " and ".join(f"fsw-{folder}" for folder in folders)
+    places = " ".join(f"./{folder}" for folder in folders)
+    return f"; {named} can add it: pip install {places} in the repository" if folders else ""
 
 
 def __getattr__(name: str) -> Any:
     if name in MODULE_OF:
         value = getattr(import_module(MODULE_OF[name]), name)
     else:
-        value = (
-            None
-            if name.startswith("_")
-            else import_module("fsw_control.schema.extensions").loaded("fsw.api", name)
-        )
-    if value is None:
-        where = [
-            f"; it is in {missing(dist)}" for dist, names in ELSEWHERE.items() if name in names
-        ]
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{''.join(where)}")
+        added = import_module("fsw_control.schema.extensions")
+        value = None if name.startswith("_") else added.loaded("fsw.api", name)
+        if value is None:
+            where = missing(added.extensions("fsw.api"))
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}{where}")
     globals()[name] = value
     return value
 

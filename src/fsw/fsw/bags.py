@@ -14,11 +14,10 @@ from fsw_analysis.report import labels
 from fsw_analysis.signals import load_weld
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_recorder.bag_reader import SUFFIXES
+from fsw_recorder.manifest import mapped
 
 #: help text of a bag argument if damaged bags are accepted
 DAMAGED_TOO = "bag folder or file (MCAP, sqlite3; intact, truncated or damaged)"
-#: bytes that are hashed at once
-_BLOCK = 1 << 20
 
 
 BAG = group("bag", "inspect recorded welds", "Inspect recorded welds.")
@@ -39,11 +38,8 @@ def data_sha256(bag: Path) -> str:
     """SHA-256 of a file, or of the data files in a bag's folder in the order of their names."""
     whole = hashlib.sha256()
     for path in sorted(bag.iterdir()) if bag.is_dir() else [bag]:
-        if bag.is_dir() and not path.name.endswith(SUFFIXES):
-            continue
-        with path.open("rb") as content:
-            while block := content.read(_BLOCK):
-                whole.update(block)
+        if not bag.is_dir() or path.name.endswith(SUFFIXES):
+            whole.update(mapped(path))
     return whole.hexdigest()
 
 

@@ -201,7 +201,7 @@ def parameters_by_node(
     return parameters
 
 
-FORCE = switch("--force", "replace results that exist")
+FORCE = switch("--force", "replace files that exist; keep an earlier folder as FOLDER_1, ...")
 #: options of all commands that use the graph
 GRAPH = (
     number(

@@ -5,17 +5,15 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import threading
 import time
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 from fsw.command import FORCE, FORMAT, command, file, option, switch
 from fsw.console import ProgressBar
 from fsw.errors import HOW, CommandError, exit_code, middleware_is_here
 from fsw.outputs import new_folder
-from fsw.simulate_command import write_results
+from fsw.simulate_command import run_side_by_side, write_results
 from fsw.simulation import closed_loop
 from fsw_analysis.changes import cut_to_scenario
 from fsw_analysis.figures import Run
@@ -26,7 +24,7 @@ from fsw_model import ModelParameters
 from fsw_model.heat_profile import HeatProfile
 from fsw_plant import PlantConfig, prepare
 from fsw_scenario import live
-from fsw_scenario.controllers import OURS, name_of, variant_of
+from fsw_scenario.controllers import OURS, variants_of
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.launcher import Launcher
@@ -36,42 +34,6 @@ from fsw_scenario.scenario_file import load, parse, shipped
 DEFAULT_SCENARIOS = ("reference_tracking", "output_disturbances")
 SWAP_SCENARIO = "controller_swap"
 LIVE_SCENARIO = "canister_weld"
-
-
-class _StoppedError(Exception):
-    """Another weld has failed, or the user has interrupted."""
-
-
-def run_side_by_side(graphs: Sequence[WeldGraph], at_a_time: int) -> None:
-    """Run all welds to their ends; on a failure or Ctrl-C end all and raise the first exception.
-
-    A lockstep weld waits for messages half of the time; about one weld per core is the fastest.
-    """
-    stop = threading.Event()
-    shares = [0.0] * len(graphs)
-
-    def run(position: int, graph: WeldGraph, bar: ProgressBar) -> None:
-        def progress(share: float) -> None:
-            if stop.is_set():
-                raise _StoppedError
-            shares[position] = share
-            bar(sum(shares) / len(shares))
-
-        if stop.is_set():
-            raise _StoppedError
-        with free_domain() as domain, Launcher(graph.folder / "log", domain) as launcher:
-            graph.run(launcher, progress)
-
-    title = f"{len(graphs)} welds, {min(at_a_time, len(graphs))} at a time"
-    # threads that live until all welds have ended: the kernel ends the children of a dead thread
-    with ProgressBar(title) as bar, ThreadPoolExecutor(at_a_time) as pool:
-        futures = [pool.submit(run, position, graph, bar) for position, graph in enumerate(graphs)]
-        try:
-            for future in as_completed(futures):
-                future.result()
-        except BaseException:
-            stop.set()
-            raise
 
 
 @command(
@@ -138,7 +100,7 @@ def _live(parsed: argparse.Namespace) -> int:
     names = parsed.scenario or [LIVE_SCENARIO]
     if len(names) > 1:
         raise CommandError("--live welds once: give one --scenario")
-    controllers = _controllers(parsed)
+    controllers = variants_of(parsed.controller or OURS)
     scenario = load(names[0])
     if not scenario.open_loop and len(scenario.controllers) == 1:
         scenario = parse(scenario.text, scenario.name, [f"controller={next(iter(controllers))}"])
@@ -170,19 +132,8 @@ def _live(parsed: argparse.Namespace) -> int:
         return live.weld(graph, launcher, parsed.port)
 
 
-def _controllers(parsed: argparse.Namespace) -> dict[str, dict[str, str]]:
-    """Requested controllers, by default ours: names, with the parameters of their variants."""
-    labels = set(parsed.controller or OURS)
-    controllers = {name_of(label): variant_of(label) for label in parsed.controller or OURS}
-    if len(controllers) < len(labels):
-        raise CommandError(
-            f"one variant of each controller can run, not {', '.join(sorted(labels))}"
-        )
-    return controllers
-
-
 def _demonstrate(parsed: argparse.Namespace) -> int:
-    controllers = _controllers(parsed)
+    controllers = variants_of(parsed.controller or OURS)
     names = list(parsed.scenario or DEFAULT_SCENARIOS)
     if not parsed.scenario and len(controllers) > 1:
         names.append(SWAP_SCENARIO)
@@ -193,7 +144,18 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
         prepare(PlantConfig.from_values(scenario.plant))
     began, ending = time.monotonic(), parsed.format or "png"
     folder = new_folder(parsed, "demo")
-    if not middleware_is_here():
+    if middleware_is_here():
+        pace = "10 Hz on the wall clock" if parsed.realtime else "lockstep, as fast as possible"
+        print(f"weld in closed loop over DDS, {pace}; results go to {folder}", file=sys.stderr)
+        welds = [_graphs(scenario, controllers, folder, parsed.realtime) for scenario in scenarios]
+        at_a_time = 1 if parsed.realtime else os.cpu_count() or 1
+        run_side_by_side([graph for graphs in welds for graph in graphs.values()], at_a_time)
+        written = [
+            path
+            for scenario, graphs in zip(scenarios, welds, strict=True)
+            for path in _results(scenario, graphs, folder / scenario.name, ending)
+        ]
+    else:
         print(
             f"no ROS 2 here: welds in one process, without bags; results go to {folder}",
             file=sys.stderr,
@@ -203,24 +165,9 @@ def _demonstrate(parsed: argparse.Namespace) -> int:
             for name in names
             for path in _without_middleware(name, controllers, folder, ending)
         ]
-        return _print_end(began, written)
-    pace = (
-        "10 Hz on the wall clock"
-        if parsed.realtime
-        else "lockstep, as fast as the slowest process"
-    )
-    print(f"weld in closed loop over DDS, {pace}; results go to {folder}", file=sys.stderr)
-    welds = {
-        scenario.name: _graphs(scenario, controllers, folder, parsed.realtime)
-        for scenario in scenarios
-    }
-    at_a_time = 1 if parsed.realtime else os.cpu_count() or 1
-    run_side_by_side([graph for graphs in welds.values() for graph in graphs.values()], at_a_time)
-    written = []
-    for scenario in scenarios:
-        place = folder / scenario.name
-        written += _results(scenario, welds[scenario.name], place, ending)
-    return _print_end(began, written)
+    print(f"done in {time.monotonic() - began:.0f} s; look at")
+    print("\n".join(f"  {path}" for path in written))
+    return 0
 
 
 def _without_middleware(
@@ -238,13 +185,6 @@ def _without_middleware(
     place = folder / scenario.name
     place.mkdir()
     return write_results(scenario, runs, place, ending)
-
-
-def _print_end(began: float, written: Sequence[Path]) -> int:
-    print(f"done in {time.monotonic() - began:.0f} s; look at")
-    for path in written:
-        print(f"  {path}")
-    return 0
 
 
 def _graphs(

@@ -35,9 +35,6 @@ class CommandError(Exception):
 
 SHOWN = (CommandError, InputError, BagError, LaunchError, NoFreeDomainError)
 
-#: what is left to do when a command has ended, in whatever way
-AT_END: list[Callable[[], None]] = []
-
 
 def program() -> str:
     """Program name: ``fsw`` if the package is installed, ``fsw.py`` in the repository."""
@@ -102,6 +99,3 @@ def exit_code(action: Callable[[], int]) -> int:
         where = f"cannot read or write {error.filename}: " if error.filename else where
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return 1
-    finally:
-        while AT_END:
-            AT_END.pop()()

@@ -27,23 +27,29 @@ _MAGNITUDES = ", ".join(f"{name} {allowed}" for name, (_, allowed) in FAULT_MAGN
 _MAGNITUDES += f" (drift: per s), delay {FAULT_DELAY_S}"
 
 
-def _command(name: str, text: str, place: str, *options: Option) -> Command:
-    """A command run by ``module:function``, imported on use: other commands work without rclpy."""
+#: of groups, ``module:function``; a command without a group is a function of ``graph_ros``
+_PLACES = {
+    "weld": "weld_ros:weld",
+    "param": "node_ros:parameters",
+    "lifecycle": "node_ros:lifecycle",
+}
+
+
+def _command(name: str, text: str, *options: Option) -> Command:
+    """A command whose function is imported on use: other commands work without rclpy."""
+    first = name.partition(" ")[0]
+    module, _, function = _PLACES.get(first, f"graph_ros:{first}").partition(":")
 
     def run(arguments: argparse.Namespace) -> int:
-        module, _, function = place.partition(":")
         return int(getattr(import_module(f"fsw.{module}"), function)(arguments))
 
     return command(name, text, *GRAPH, *options)(run)
 
 
-STATUS = _command(
-    "status", "running nodes, applied controller, measurements and commands", "graph_ros:status"
-)
+STATUS = _command("status", "running nodes, applied controller, measurements and commands")
 REFERENCE = _command(
     "reference",
     "new set-points; an omitted one keeps its value",
-    "graph_ros:reference",
     number("--depth", "MM", ranges.REFERENCE_DEPTH_MM, str(ranges.REFERENCE_DEPTH_MM)),
     switch("--ramp", "ramp from the set-points in force at the permitted rates; default: a step"),
     number(
@@ -53,7 +59,6 @@ REFERENCE = _command(
 DISTURB = _command(
     "disturb",
     f"disturb the emulated plant; amplitudes: {_AMPLITUDES}",
-    "graph_ros:disturb",
     option("channel", choices=tuple(DISTURBANCE_AMPLITUDE)),
     option(
         "shape",
@@ -67,7 +72,6 @@ DISTURB = _command(
 FAULT = _command(
     "fault",
     f"make a sensor of the emulated plant fail; magnitudes: {_MAGNITUDES}",
-    "graph_ros:fault",
     option("sensor", choices=tuple(FAULT_MAGNITUDE)),
     option("kind", choices=(*FAULT_KINDS, CLEAR), help="clear (or none) ends the sensor's fault"),
     option("magnitude", type=float, nargs="?", help="of spike, bias, drift, delay"),
@@ -76,7 +80,6 @@ FAULT = _command(
 SWITCH = _command(
     "switch",
     "apply another controller",
-    "graph_ros:switch",
     option("controller", help="its name, e.g. decentral; see 'controllers'"),
     switch("--strict", "refuse unless it is ready"),
     number(
@@ -87,57 +90,44 @@ SWITCH = _command(
         5.0,
     ),
 )
-CONTROLLERS = _command(
-    "controllers", "the controllers in the graph and their health", "graph_ros:controllers"
-)
+CONTROLLERS = _command("controllers", "the controllers in the graph and their health")
 MODE = _command(
     "mode",
     "source of commands: a controller (auto), your values (manual), "
     "the last command (hold), safe stop",
-    "graph_ros:mode",
     option("mode", choices=OPERATOR_MODES),
     number("--axial-force", "KN", ranges.COMMAND_FORCE_KN, f"manual: {ranges.COMMAND_FORCE_KN}"),
     number("--speed", "RPM", ranges.COMMAND_SPEED_RPM, f"manual: {ranges.COMMAND_SPEED_RPM}"),
 )
 ACKNOWLEDGE = _command(
-    "acknowledge",
-    "acknowledge a safe stop whose causes are gone, to permit another mode",
-    "graph_ros:acknowledge",
+    "acknowledge", "acknowledge a safe stop whose causes are gone, to permit another mode"
 )
 
 WELD = group("weld", "run a weld; hold, resume or abort it")
 WELD_RUN = _command(
     "weld run",
     "run a scenario in the running graph and follow it; the weld continues if this command ends",
-    "weld_ros:run",
     option("scenario", metavar="SCENARIO", help="YAML file, or name of a shipped scenario"),
     repeated("--set", "KEY=VALUE", "replace a value of the scenario, e.g. controller=nmpc"),
 )
 WELD_HOLD = _command(
-    "weld hold",
-    "stop the travel of the programme and keep the set-points in force",
-    "weld_ros:hold_or_resume",
+    "weld hold", "stop the travel of the programme and keep the set-points in force"
 )
-WELD_RESUME = _command(
-    "weld resume", "go back to the programme by a ramp", "weld_ros:hold_or_resume"
-)
+WELD_RESUME = _command("weld resume", "go back to the programme by a ramp")
 WELD_ABORT = _command(
-    "weld abort",
-    "abort the weld; a safe stop is requested until the supervisor answers",
-    "weld_ros:abort_weld",
+    "weld abort", "abort the weld; a safe stop is requested until the supervisor answers"
 )
 
 _NODE = option("node", metavar="NODE", help="name, e.g. fsw_nmpc; 'status' lists the nodes")
 _NAME = option("name", metavar="NAME", help="of the parameter")
 PARAM = group("param", "parameters of a running node: list, get, set")
 PARAM_LIST = _command(
-    "param list", "all parameters of a node with their values and meaning", "params_ros:run", _NODE
+    "param list", "all parameters of a node with their values and meaning", _NODE
 )
-PARAM_GET = _command("param get", "value of a parameter", "params_ros:run", _NODE, _NAME)
+PARAM_GET = _command("param get", "value of a parameter", _NODE, _NAME)
 PARAM_SET = _command(
     "param set",
     "change a parameter; the node may refuse, with a reason",
-    "params_ros:run",
     *(_NODE, _NAME),
     option("value", metavar="VALUE", help="new value, as YAML"),
 )
@@ -147,16 +137,12 @@ LIFECYCLE = group("lifecycle", "managed nodes (plant, gateway, recorder): list, 
 LIFECYCLE_LIST = _command(
     "lifecycle list",
     "the managed nodes, or the transitions that a node has now",
-    "lifecycle_ros:run",
     option("node", nargs="?", default="", **_MANAGED),
 )
-LIFECYCLE_GET = _command(
-    "lifecycle get", "state of a node", "lifecycle_ros:run", option("node", **_MANAGED)
-)
+LIFECYCLE_GET = _command("lifecycle get", "state of a node", option("node", **_MANAGED))
 LIFECYCLE_SET = _command(
     "lifecycle set",
     "a transition of a node: configure, activate, deactivate, cleanup or shutdown",
-    "lifecycle_ros:run",
     option("node", **_MANAGED),
     option("transition", metavar="TRANSITION", help="label, e.g. activate"),
 )

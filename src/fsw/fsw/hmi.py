@@ -15,18 +15,24 @@ from fsw_hmi.main import EXTRA
 if TYPE_CHECKING:  # from the extra hmi
     from fsw_hmi.users import User
 
-_NAME = option("name", metavar="NAME", help="the user")
-_FILE = file("--file", "the users, for its owner alone", required=True)
 HMI = group("hmi", "the operator's page: who may command by it")
-USER = group(
-    "hmi user", "named users in a file of salted hashes, for users_file of the page's server"
+
+
+@command(
+    "hmi user",
+    "named users in a file of salted hashes, for users_file of the page's server",
+    option("what", choices=("add", "passwd", "remove", "list"), help="passwd: a new password"),
+    option("name", metavar="NAME", nargs="?", default="", help="the user; not for list"),
+    file("--file", "the users, for its owner alone", required=True),
+    description="Passwords come from a prompt, or from stdin in a pipe.",
+    needs=EXTRA,
 )
-
-
-def _run(arguments: argparse.Namespace) -> int:
+def user(arguments: argparse.Namespace) -> int:
     from fsw_hmi.users import read, write
 
-    path, verb = arguments.file, arguments.verb
+    path, verb = arguments.file, arguments.what
+    if (verb == "list") == bool(arguments.name):
+        raise CommandError(f"hmi user {verb}: give {'no' if arguments.name else 'a'} NAME")
     try:
         users = [] if verb == "add" and not path.exists() else read(path)
         if verb == "list":
@@ -42,29 +48,11 @@ def _run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-ADD = command(
-    "hmi user add",
-    "add a user; the password comes from a prompt, or from stdin in a pipe",
-    _NAME,
-    _FILE,
-    needs=EXTRA,
-)(_run)
-PASSWD = command(
-    "hmi user passwd",
-    "change a user's password, from a prompt or from stdin",
-    _NAME,
-    _FILE,
-    needs=EXTRA,
-)(_run)
-REMOVE = command("hmi user remove", "remove a user", _NAME, _FILE, needs=EXTRA)(_run)
-LIST = command("hmi user list", "names of all users", _FILE, needs=EXTRA)(_run)
-
-
 def _changed(users: list[User], arguments: argparse.Namespace) -> list[User]:
     """All users after the command."""
     from fsw_hmi.users import checked_name, new_user
 
-    name, verb = arguments.name, arguments.verb
+    name, verb = arguments.name, arguments.what
     before = next((user for user in users if user.name.casefold() == name.casefold()), None)
     if verb == "add" and before is not None:
         raise CommandError(

@@ -20,16 +20,6 @@ from fsw_control.schema.extensions import extensions, loaded
 GROUP = "fsw.commands"
 #: options that need no command
 _OPTIONS = ("-h", "--help", "--version")
-#: commands of our other distributions
-ELSEWHERE = {
-    "fsw-lab": (
-        *("bag shadow", "bag verify", "campaign", "canister", "commission", "export"),
-        *("identify", "learn", "tune"),
-    ),
-    "fsw-quality": (
-        *("bag attest", "bag verify-evidence", "history", "monitor", "procedure", "record"),
-    ),
-}
 
 
 def parser(name: str = "fsw.py", word: str = "") -> argparse.ArgumentParser:
@@ -127,12 +117,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _unknown(group: str, word: str, known: Iterable[str]) -> str:
-    """Error of an unknown command: what to install, or what may have been meant."""
+    """Error of an unknown command: what may have been meant, and what to install."""
     name = f"{group} {word}".strip()
-    for distribution, names in ELSEWHERE.items():
-        if name in names:
-            return f"{name} is a command of {missing(distribution)}"
-    return f"unknown command {word}{_nearest(word, known)}"
+    return f"unknown command {name}{_nearest(word, known)}{missing(extensions(GROUP))}"
 
 
 def _nearest(word: str, known: Iterable[str]) -> str:

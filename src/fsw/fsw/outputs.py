@@ -1,22 +1,19 @@
-"""Output files and folders of commands: existing ones are replaced only with ``--force``."""
+"""Output files and folders of commands: ``--force`` replaces files and moves folders aside."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
-import shutil
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import suppress
-from functools import partial
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from fsw.errors import AT_END, CommandError
+from fsw.errors import CommandError
 from fsw_control.schema import files
+from fsw_recorder.recording import free_sibling
 
-#: lists what a command has put into a folder: --force replaces a folder with nothing else in it
+#: marks a folder that a command has made: --force moves no other one aside
 _MARK = ".fsw_results"
 
 
@@ -53,88 +50,31 @@ def write_json(file: Path | None, values: Any) -> None:
         write_text(file, json.dumps(values, indent=2, allow_nan=False) + "\n")
 
 
-def new_folder(
-    arguments: argparse.Namespace,
-    name: str,
-    option: str = "--out",
-    outputs: Collection[Path | None] = (),
-) -> Path:
-    """Create the folder that an option names; ``--force`` first empties that of an earlier run.
+def new_folder(arguments: argparse.Namespace, name: str, option: str = "--out") -> Path:
+    """Create the folder that an option names; ``--force`` moves that of an earlier run aside.
 
-    Call it after all inputs have been read and checked. ``outputs``: files that other options
-    name and this command writes, which may be in the folder.
+    Call it after all inputs have been read and checked.
 
     Raises
     ------
     CommandError
-        If the folder holds something else, or an input of the command, or cannot be created.
+        If the folder holds something else, or cannot be created.
     """
-    folder = getattr(arguments, option.strip("-")) or default_folder(name)
+    folder: Path = getattr(arguments, option.strip("-")) or default_folder(name)
     try:
+        if folder.is_dir() and any(path.name != _MARK for path in folder.iterdir()):
+            ours = (folder / _MARK).exists()
+            if not (ours and getattr(arguments, "force", False)):
+                again = ", or give --force to keep it as the first free FOLDER_N" if ours else ""
+                raise CommandError(
+                    f"folder {folder} exists and is not empty; choose another {option}{again}"
+                )
+            folder.rename(free_sibling(folder))
         folder.mkdir(parents=True, exist_ok=True)
-        check_folder(arguments, folder, option, outputs)
-        for path in folder.iterdir():
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path)
-            else:
-                path.unlink()
+        (folder / _MARK).touch()
     except OSError as error:
         raise CommandError(f"cannot make folder {folder}: {error.strerror}") from None
     return folder
-
-
-def check_folder(
-    arguments: argparse.Namespace,
-    folder: Path,
-    option: str = "--out",
-    outputs: Collection[Path | None] = (),
-) -> None:
-    """Reject a folder that may not be replaced; at the end list what the command has put into it.
-
-    Raises
-    ------
-    CommandError
-        As of :func:`new_folder`.
-    """
-    force = getattr(arguments, "force", None)  # some commands never replace their folder
-    mark = folder / _MARK
-    ours = set(mark.read_text("utf-8", "surrogateescape").splitlines()) if mark.is_file() else None
-    others = [] if ours is None else sorted(_content(folder) - ours)
-    if folder.is_dir() and any(folder.iterdir()) and (not force or ours is None or others):
-        again = "" if ours is None else ", or give --force to replace it"
-        again = f"; --force does not delete {others[0]}" if others else again
-        raise CommandError(
-            f"folder {folder} exists and is not empty; choose another {option}{again}"
-        )
-    if used := next(_inputs_in(folder, arguments, outputs), None):
-        raise CommandError(f"--force does not delete {used}, which this command reads")
-    if force is not None:
-        AT_END.append(partial(_mark_filled, folder.resolve()))
-
-
-def _inputs_in(
-    folder: Path, arguments: argparse.Namespace, outputs: Collection[Path | None]
-) -> Iterator[Path]:
-    """What arguments name inside a folder, also as ``NAME=FILE``, but for outputs."""
-    for value in vars(arguments).values():
-        values = value if isinstance(value, list | tuple) else [value]
-        for text in (str(item) for item in values if isinstance(item, str | Path)):
-            for path in map(Path, {text, text.partition("=")[2]} - {""}):
-                inside = folder.resolve() in path.resolve().parents
-                if inside and path not in outputs and os.path.exists(path):  # False if too long
-                    yield path
-
-
-def _content(folder: Path) -> set[str]:
-    """What is in a folder, but for the mark, also deep inside."""
-    return {str(path.relative_to(folder)) for path in folder.rglob("*")} - {_MARK}
-
-
-def _mark_filled(folder: Path) -> None:
-    """At the end of a command: list what it has put into the folder, if there is anything."""
-    with suppress(OSError):
-        if content := _content(folder):
-            (folder / _MARK).write_text("\n".join(sorted(content)), "utf-8", "surrogateescape")
 
 
 def listed(folder: Path) -> str:

@@ -96,43 +96,29 @@ def closed_loop(
     ``overrides`` are those of :func:`fsw_scenario.scenario_file.load`, ``parameters`` by name of
     the controller. Of objects of a user's classes the weld has a copy.
     """
-    if not isinstance(controller, str | None) and (
-        isinstance(controller, type) or not hasattr(controller, "step")
-    ):
-        raise InputError(
-            "simulate: controller is a name or an object of a controller's class, "
-            f"not {controller!r}"
-        )
+    own = None
+    if not isinstance(controller, str | None):
+        if isinstance(controller, type) or not hasattr(controller, "step"):
+            raise InputError(
+                "simulate: controller is a name or an object of a controller's class, "
+                f"not {controller!r}"
+            )
+        own = _copied(controller, "controller")
     scenario = load(source, overrides)
     if scenario.open_loop and controller is not None:
         raise InputError(
             f"simulate: {scenario.name} is an open-loop scenario; it takes no controller"
         )
     known = None if heat is None else HeatProfile.from_file(heat)
-    own = (
-        None
-        if controller is None or isinstance(controller, str)
-        else _copied(controller, "controller")
-    )
-    if plant is not None:
-        plant = _copied(plant, "plant")
-    name = (
-        scenario.controller
-        if controller is None
-        else own.name
-        if own
-        else name_of(str(controller))
-    )
+    plant = None if plant is None else _copied(plant, "plant")
+    if scenario.open_loop:
+        return "open loop", ClosedLoop(scenario, {}, known, plant)
+    label = scenario.controller if controller is None else own.name if own else str(controller)
     if controller is not None:
+        name = label if own else name_of(label)
         scenario = load(source, [*overrides, f"controller={name}"])
     if own is not None:
-        return own.name, ClosedLoop(
-            scenario,
-            {name: own if name == own.name else make(name) for name in scenario.controllers},
-            known,
-            plant,
-        )
-    label = name if controller is None else str(controller)
-    controllers = {} if scenario.open_loop else make_all(scenario, label, parameters or {})
-    loop = ClosedLoop(scenario, controllers, known, plant)
-    return "open loop" if scenario.open_loop else short(label), loop
+        controllers = {name: own if name == label else make(name) for name in scenario.controllers}
+        return label, ClosedLoop(scenario, controllers, known, plant)
+    controllers = make_all(scenario, label, parameters or {})
+    return short(label), ClosedLoop(scenario, controllers, known, plant)

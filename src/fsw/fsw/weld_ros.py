@@ -26,6 +26,11 @@ _ACTION = "fsw/run_weld"
 _LOGGED_EVERY_S = 10.0
 
 
+def weld(arguments: argparse.Namespace) -> int:
+    """Run the command; returns the exit code."""
+    return {"run": run, "abort": abort_weld}.get(arguments.verb, hold_or_resume)(arguments)
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Run a scenario and follow it; exit code 1 if the weld was not completed."""
     scenario = load(

@@ -8,6 +8,7 @@ from contextlib import suppress
 from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,6 @@ from fsw_scenario.plants import Plant
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
     from matplotlib.figure import Figure
 
 Progress = Callable[[float], None]
@@ -118,29 +118,6 @@ class Weld:
 
         return pandas.DataFrame(self.table).set_index("time_s")
 
-    def to_xarray(self) -> xr.Dataset:
-        """All signals over the coordinate ``time_s``, with units as attributes; needs xarray.
-
-        Examples
-        --------
-        >>> import fsw
-        >>> fsw.simulate("quick").to_xarray()["depth_mm"].attrs
-        {'units': 'mm'}
-        """
-        xarray = needed("xarray")
-
-        columns = dict(self.table)
-        time_s = columns.pop("time_s")
-        units = {
-            name: {"units": unit}
-            for name in columns
-            if (unit := _UNITS.get(name.rpartition("_")[2]))
-        }
-        return xarray.Dataset(
-            {name: ("time_s", values, units.get(name)) for name, values in columns.items()},
-            {"time_s": time_s},
-        )
-
     @validated
     def to_csv(self, path: str | Path) -> None:
         """Write all signals as a table; fsw_recorder.errors.BagError if that fails."""
@@ -211,20 +188,6 @@ class Comparison(dict[str, Weld]):
     def plot(self, number: int | None = None) -> Figure:
         """Draw all welds into an overview, or a figure like the paper's 4 to 9."""
         return _figure(list(self.values()), number)
-
-
-#: units by the suffix of a signal's name
-_UNITS = {
-    "mm": "mm",
-    "c": "degC",
-    "kn": "kN",
-    "rpm": "rpm",
-    "nm": "N m",
-    "kw": "kW",
-    "s": "s",
-    "ns": "ns",
-    "deg": "deg",
-}
 
 
 def _figure(welds: Sequence[Weld], number: int | None) -> Figure:
@@ -375,10 +338,9 @@ def compare(
         if isinstance(controllers, Mapping):
             own["label"] = name
         weld = simulate(scenario, controller, **{**options, **own})
-        label, number = weld.label, 1
-        while weld.label in welds:
-            number += 1
-            weld.label = f"{label} ({number})"
+        numbered = (f"{weld.label} ({number})" for number in count(2))
+        if weld.label in welds:
+            weld.label = next(label for label in numbered if label not in welds)
         welds[weld.label] = weld
     return welds
 

@@ -13,6 +13,7 @@ so in real time a second one stands by and takes over within two ticks.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -31,9 +32,8 @@ from fsw_control.schema.extensions import extensions
 from fsw_scenario.controllers import variants_of
 from fsw_scenario.graph import ONCE, STANDBY, Process, WeldGraph, for_standby
 from fsw_scenario.launcher import ABORTED, REFUSED, RESPAWN_DELAY_S
-from fsw_scenario.procedure import check_signed
+from fsw_scenario.procedure import check_signed, graph_parameters
 from fsw_scenario.procedure import shipped as procedures
-from fsw_scenario.procedure_limits import graph_parameters
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse, shipped
 
@@ -138,7 +138,6 @@ def weld(context: LaunchContext) -> list[Any]:
     controllers = list(variants)
     if not controllers:
         raise RuntimeError("controllers: at least one is needed, e.g. controllers:=decentral")
-    record = arguments["record"] in TRUE
     speed = _speed(arguments["realtime"] in TRUE, arguments["speed"])
     standby = speed is None if arguments["standby"] == "" else arguments["standby"] in TRUE
     folder = Path(launch_config.log_dir)
@@ -150,36 +149,19 @@ def weld(context: LaunchContext) -> list[Any]:
         folder,
         controllers,
         realtime=speed is None,
-        record=record,
+        record=arguments["record"] in TRUE,
         standby=standby,
         parameters=variants,
         companions=[*companions, *(["procedure"] if arguments["procedure"] else [])],
+        derived=_derived(arguments, machine, scenario),
         machine=bool(machine),
         speed=speed or 0.0,
         heat=Path(arguments["heat"]).expanduser() if arguments["heat"] else None,
     )
     parameters = graph.parameter_file(folder / "scenario.yaml")
     parameters.pop(STANDBY, None)  # it gets those of the first, from whatever file
-    parameters["fsw_recorder"]["ros__parameters"].pop("output", None)
     if scenario is not None:
         (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
-    if arguments["bag_dir"]:
-        _record_into(Path(arguments["bag_dir"]).expanduser(), record, parameters)
-    if machine:
-        parameters["fsw_machine"] = {"ros__parameters": {"machine_file": machine}}
-    clock = {} if speed is None else {"use_sim_time": True}
-    page = {"port": _port(arguments["hmi_port"]), **clock}
-    process = "canister" if machine or (scenario is not None and scenario.on_canister) else "paper"
-    parameters["fsw_monitor"] = {
-        "ros__parameters": {"process": process, **_model(arguments), **clock}
-    }
-    parameters["fsw_hmi"] = {"ros__parameters": page}
-    if arguments["autostart"] in FALSE:
-        for name in MANAGED:
-            parameters.setdefault(name, {"ros__parameters": {}})["ros__parameters"][
-                "autostart"
-            ] = False
-    _by_procedure(arguments, parameters, clock)
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
 
     return [
@@ -200,21 +182,29 @@ def _end_of(process: Process, graph: WeldGraph) -> dict[str, Any]:
     return {"on_exit": [Shutdown(reason="the plant has ended")]}
 
 
-def _model(arguments: dict[str, str]) -> dict[str, str]:
-    """The files of this machine's model that were given, as parameters of the monitor."""
-    files = {
-        name: arguments[name] for name in ("model_file", "covariance_file") if arguments[name]
-    }
-    return {name: str(Path(file).expanduser().absolute()) for name, file in files.items()}
-
-
-def _record_into(bag: Path, record: bool, parameters: dict[str, Any]) -> None:
-    """Choose the bag's folder; RuntimeError when it is there already."""
-    if record and bag.exists():
+def _derived(
+    arguments: dict[str, str], machine: str, scenario: Scenario | None
+) -> dict[str, dict[str, Any]]:
+    """Parameters by node that follow from the arguments; RuntimeError when one is wrong."""
+    nodes = defaultdict[str, dict[str, Any]](dict, _by_procedure(arguments))
+    bag = Path(arguments["bag_dir"]).expanduser() if arguments["bag_dir"] else None
+    if bag is not None and arguments["record"] in TRUE and bag.exists():
         raise RuntimeError(
             f"bag_dir: {bag} exists already; choose another folder or remove this one"
         )
-    parameters["fsw_recorder"]["ros__parameters"] |= {"output": str(bag), "number_if_taken": True}
+    nodes["fsw_recorder"] |= {"number_if_taken": True, "output": str(bag or "")}
+    nodes["fsw_hmi"]["port"] = _port(arguments["hmi_port"])
+    on_canister = machine or (scenario is not None and scenario.on_canister)
+    nodes["fsw_monitor"]["process"] = "canister" if on_canister else "paper"
+    for name in ("model_file", "covariance_file"):
+        if arguments[name]:
+            nodes["fsw_monitor"][name] = str(Path(arguments[name]).expanduser().absolute())
+    if machine:
+        nodes["fsw_machine"]["machine_file"] = machine
+    if arguments["autostart"] in FALSE:
+        for name in MANAGED:
+            nodes[name]["autostart"] = False
+    return nodes
 
 
 def _package_of(program: str) -> str:
@@ -311,25 +301,20 @@ def _scenario(source: str, controller: str) -> Scenario | None:
         raise RuntimeError(f"scenario: {error}") from None
 
 
-def _by_procedure(
-    arguments: dict[str, str], parameters: dict[str, Any], clock: dict[str, Any]
-) -> None:
-    """Add what follows from a procedure to the parameters of the nodes; ``clock`` is for the node that watches it."""
+def _by_procedure(arguments: dict[str, str]) -> dict[str, dict[str, Any]]:
+    """Parameters by node that follow from a procedure."""
     source, required = arguments["procedure"], arguments["require_signed"] in TRUE
     if not source:
         if required:
             raise RuntimeError("require_signed: needs a procedure")
-        return
+        return {}
     try:
         check_signed(
             source, [Path(arguments["trusted"])] if arguments["trusted"] else [], required
         )
-        derived = graph_parameters(source)
+        return graph_parameters(source)
     except InputError as error:
         raise RuntimeError(f"procedure: {error}") from None
-    derived["fsw_procedure"] |= clock
-    for name, values in derived.items():
-        parameters.setdefault(name, {"ros__parameters": {}})["ros__parameters"] |= values
 
 
 def _write(path: Path, parameters: dict[str, Any]) -> Path:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from fsw.demo import _controllers, parser
 from fsw.main import main
 from fsw_scenario import scenario_file
+from fsw_scenario.controllers import variants_of
 from fsw_scenario.graph import WeldGraph
 from fsw_test_support.own_controller import own
 
@@ -29,9 +29,7 @@ def test_every_command_accepts_an_own_controller(tmp_path, capsys):
     assert (
         tmp_path / "out" / "signals_depth_only.csv"
     ).is_file() and "depth_only" in capsys.readouterr().out
-    chosen = _controllers(
-        parser().parse_args(["--controller", EXAMPLE, "--controller", "decentral:tight"])
-    )
+    chosen = variants_of([EXAMPLE, "decentral:tight"])
     assert chosen == {"depth_only": {}, "decentral": {"tuning": "tight"}}
     nodes = WeldGraph(
         scenario_file.load("quick"), tmp_path, tuple(chosen), parameters=chosen

@@ -45,19 +45,15 @@ def launched(by_procedure, lid, **more):
         "require_signed": "true",
         "trusted": str(lid.with_name("own.pub")),
     } | more
-    parameters = {}
     try:
-        by_procedure(arguments, parameters, {"use_sim_time": True})
+        return by_procedure(arguments)
     except RuntimeError:
         return None
-    return parameters
 
 
 def test_unsigned_procedure_is_refused_if_signing_is_required(by_procedure, lid):
     assert launched(by_procedure, lid) is None
-    assert launched(by_procedure, lid, require_signed="false")["fsw_procedure"]["ros__parameters"][
-        "use_sim_time"
-    ]
+    assert launched(by_procedure, lid, require_signed="false")["fsw_procedure"]
     signed_with(lid, "own")
     assert "fsw_supervisor" in launched(by_procedure, lid)
 

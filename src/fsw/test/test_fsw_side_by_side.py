@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from fsw.demo import run_side_by_side
+from fsw.simulate_command import run_side_by_side
 from fsw_scenario.launcher import Launcher, LaunchError
 from fsw_test_support.waiting import PATIENCE_S
 

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from fsw_analysis.messages import Kind, Table
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import FloatArray
+from fsw_analysis.weld_signals import FloatArray, WeldEvent
 from fsw_control.cause import Cause, Severity
 from fsw_control.journal import AlarmChange, RequestKind
 from fsw_control.reason import Reason

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -197,8 +196,15 @@ def _draw_page(
     path: Path | None = None,
     phases: Sequence[Span] = (),
 ) -> Figure:
-    with _page(title, panels, columns, path) as (figure, axes):
+    rows = -(-len(panels) // columns)
+    width = _WIDTH * (1.35 if columns > 1 else 1.0)
+    with sheet(width, _TITLE + _LEGEND + _PANEL * rows, path) as figure:
+        grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
+        axes = list(grid.flat)
+        figure.suptitle(title, fontsize=12.0, fontweight="bold")
         for axis, panel in zip(axes, panels, strict=True):
+            axis.set_title(panel.title, loc="left", fontsize=10.0)
+            axis.set_ylabel(panel.ylabel)
             draw_runs = _draw_panel if panel.error is None else _draw_error
             draw_runs(axis, panel, runs)
         _mark_events(axes, runs)
@@ -207,25 +213,10 @@ def _draw_page(
         if len(runs) == 1:
             _mark_swaps(axes, runs[0].signals)
         shade_phases(axes, phases)
-    return figure
-
-
-@contextmanager
-def _page(
-    title: str, panels: Sequence[_Panel], columns: int, path: Path | None
-) -> Iterator[tuple[Figure, list[Axes]]]:
-    rows = -(-len(panels) // columns)
-    width = _WIDTH * (1.35 if columns > 1 else 1.0)
-    with sheet(width, _TITLE + _LEGEND + _PANEL * rows, path) as figure:
-        grid = figure.subplots(rows, columns, sharex=True, squeeze=False)
-        for axis, panel in zip(grid.flat, panels, strict=True):
-            axis.set_title(panel.title, loc="left", fontsize=10.0)
-            axis.set_ylabel(panel.ylabel)
-        figure.suptitle(title, fontsize=12.0, fontweight="bold")
-        yield figure, list(grid.flat)
         for axis in grid[-1]:
             label_time(axis, axis.get_xlim()[1])
         legend_below(figure)
+    return figure
 
 
 def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from fsw_analysis.course import Course, UnusableRun
-from fsw_analysis.exceedances import Exceedance
 from fsw_analysis.judgement import Account
 from fsw_analysis.rules import FactCode, Rule, Verdict
 from fsw_control.sensors import SENSORS
@@ -67,52 +65,43 @@ def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
     """Headline and places on the unrolled canister, ready for JSON; ``offset_s``: to the page's clock."""
     rule = account.deciding
     good = rule.verdict is Verdict.ACCEPT
-    gaps = [
-        gap_mark(begin_s + offset_s, length_s, account.course.place(begin_s, length_s))
-        for begin_s, length_s in account.course.gaps
+    place = account.course.place
+    marks = [
+        gap_mark(begin_s + offset_s, lasts_s, place(begin_s, lasts_s))
+        for begin_s, lasts_s in account.course.gaps
     ]
+    for run in account.unusable:
+        lasts_s, text = run.end_s - run.begin_s + TICK_S, f"sensor {run.sensor}: {run.flaw}"
+        at_s, where = run.begin_s + offset_s, place(run.begin_s, lasts_s)
+        marks.append(_mark("medium", text, at_s, lasts_s, where))
+    for over in account.exceedances:
+        state = "missing" if over.missing == over.samples else "outside"
+        text = f"{VARIABLES[over.limit.variable]} {state}: {over.limit.words}"
+        level: Level = "high" if over.limit.kind == "essential" else "medium"
+        at_s = over.begin_s + offset_s
+        marks.append(_mark(level, text, at_s, over.duration_s, over.angle_deg))
     return {
         "verdict": str(rule.verdict),
         "level": _LEVELS[rule.verdict],
         "rule": rule.name,
         "text": title(rule),
         "detail": "every limit is kept" if good else f"{rule.words}: {rule.figure}",
-        "marks": gaps
-        + [_of_unusable(samples, account.course, offset_s) for samples in account.unusable]
-        + [_of_exceedance(exceedance, offset_s) for exceedance in account.exceedances],
+        "marks": marks,
     }
 
 
 def gap_mark(begin_s: float, lasts_s: float, place: tuple[float, float] | None) -> dict[str, Any]:
     """The mark of a time that is not on record, at a time of the page."""
-    return _mark("high", "not on record", (begin_s, lasts_s), 0.0, place)
-
-
-def _of_unusable(run: UnusableRun, course: Course, offset_s: float) -> dict[str, Any]:
-    lasts_s = run.end_s - run.begin_s + TICK_S
-    place = course.place(run.begin_s, lasts_s)
-    text = f"sensor {run.sensor}: {run.flaw}"
-    return _mark("medium", text, (run.begin_s, lasts_s), offset_s, place)
-
-
-def _of_exceedance(over: Exceedance, offset_s: float) -> dict[str, Any]:
-    level: Level = "high" if over.limit.kind == "essential" else "medium"
-    text = f"{VARIABLES[over.limit.variable]} {'missing' if over.missing == over.samples else 'outside'}: {over.limit.words}"
-    return _mark(level, text, (over.begin_s, over.duration_s), offset_s, over.angle_deg)
+    return _mark("high", "not on record", begin_s, lasts_s, place)
 
 
 def _mark(
-    level: Level,
-    text: str,
-    time_s: tuple[float, float],
-    offset_s: float,
-    place: tuple[float, float] | None,
+    level: Level, text: str, begin_s: float, lasts_s: float, place: tuple[float, float] | None
 ) -> dict[str, Any]:
-    begin_s, lasts_s = time_s
     return {
         "level": level,
         "text": text,
-        "time_s": round(begin_s + offset_s, 3),
+        "time_s": round(begin_s, 3),
         "lasts_s": round(lasts_s, 3),
         "from_deg": None if place is None else round(place[0], 3),
         "to_deg": None if place is None else round(place[1], 3),

@@ -18,12 +18,16 @@ import numpy as np
 from fsw_analysis.course import (
     SENSOR_SIGNALS,
     Course,
+    Exceedance,
     UnusableRun,
     UnusableSamples,
     course_of,
+    exceedances,
+    holds,
+    length_mm,
+    longest_s,
     unusable_samples,
 )
-from fsw_analysis.exceedances import Exceedance, exceedances, holds, length_mm, longest_s
 from fsw_analysis.procedure import (
     Procedure,
     Sensor,
@@ -33,8 +37,7 @@ from fsw_analysis.procedure import (
 )
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.rules import Fact, FactCode, Rule, Verdict, decide
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import SIMULATED_NS, WeldSignals
+from fsw_analysis.weld_signals import SIMULATED_NS, WeldEvent, WeldSignals
 from fsw_control.cause import Cause, Severity
 from fsw_control.schema.models import Model
 from fsw_control.sensors import REQUIRED

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import astuple, dataclass
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 
 from fsw_analysis.kpi import true_or_measured
-from fsw_analysis.kpi_table import write_both
 from fsw_analysis.report import table
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 
@@ -58,9 +56,9 @@ class PhaseFigures:
 
     run: str
     phase: str
+    power_kw: float | None
     temperature_c: ErrorStatistics | None
     depth_mm: ErrorStatistics | None
-    power_kw: float | None
     in_force_temperature_c: ErrorStatistics | None
     in_force_depth_mm: ErrorStatistics | None
 
@@ -71,26 +69,23 @@ def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[Pha
     ``spans`` are on the scenario's clock; those of the programme are right as long as the weld was
     not held, those of :func:`recorded_spans` always.
     """
-    outputs, time_s = true_or_measured(signals), signals.time_s
-    power = (
-        signals.truth.process_power_kw
-        if signals.truth is not None
-        else np.full(len(time_s), np.nan)
-    )
-    temperature_c, depth_mm = outputs.temperature_c, outputs.depth_mm
+    outputs, time_s, truth = true_or_measured(signals), signals.time_s, signals.truth
+    power_kw = np.full(len(time_s), np.nan) if truth is None else truth.process_power_kw
     figures = []
     for phase, begin_s, end_s in [*spans, ("whole weld", 0.0, np.inf)]:
         inside = (time_s > begin_s + 1e-6) & (time_s <= end_s + 1e-6)
-        of_power = ErrorStatistics.of(power[inside])
-        errors = (
-            temperature_c - signals.programme_temperature_c,
-            depth_mm - signals.programme_depth_mm,
-            temperature_c - signals.reference_temperature_c,
-            depth_mm - signals.reference_depth_mm,
+        power, *errors = (
+            ErrorStatistics.of(values[inside])
+            for values in (
+                power_kw,
+                outputs.temperature_c - signals.programme_temperature_c,
+                outputs.depth_mm - signals.programme_depth_mm,
+                outputs.temperature_c - signals.reference_temperature_c,
+                outputs.depth_mm - signals.reference_depth_mm,
+            )
         )
-        first, second, third, fourth = (ErrorStatistics.of(error[inside]) for error in errors)
-        mean_kw = None if of_power is None else of_power.mean
-        figures.append(PhaseFigures(label, phase, first, second, mean_kw, third, fourth))
+        mean_kw = None if power is None else power.mean
+        figures.append(PhaseFigures(label, phase, mean_kw, *errors))
     return figures
 
 
@@ -143,10 +138,3 @@ def _words(error: ErrorStatistics | None, factor: float, digits: int) -> str:
         return "-"
     mean, sigma, low, high = (factor * value for value in astuple(error))
     return f"{mean:+.{digits}f}, {sigma:.{digits}f}, {low:+.{digits}f}, {high:+.{digits}f}"
-
-
-def write(runs: Sequence[Sequence[PhaseFigures]], folder: Path) -> list[Path]:
-    """Write ``phases.json`` and ``phases.md`` into ``folder``; returns their paths."""
-    return write_both(
-        [asdict(row) for rows in runs for row in rows], markdown(runs), folder / "phases"
-    )

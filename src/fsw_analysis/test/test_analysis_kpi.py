@@ -9,8 +9,13 @@ import pytest
 
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.changes import changes, cut_to_scenario, missing_at_end_s
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import StatusSignals, TruthSignals, WeldSignals, experiment_time_s
+from fsw_analysis.weld_signals import (
+    StatusSignals,
+    TruthSignals,
+    WeldEvent,
+    WeldSignals,
+    experiment_time_s,
+)
 from fsw_control.schema.errors import InputError
 
 N = 1000
@@ -72,16 +77,9 @@ def test_figures_of_phases_are_those_of_their_ticks(tmp_path):
     )
     assert parking.temperature_c is None and parking.power_kw is None
     assert astuple(whole.temperature_c) == pytest.approx((-1.0, np.sqrt(2.0), -2.0, 1.0))
-    data, table = phase_kpi.write([figures], tmp_path)
-    assert [load["phase"] for load in json.loads(data.read_text())] == [
-        "dwell",
-        "start",
-        "parking",
-        "whole weld",
-    ]
-    rows = [
-        [cell.strip() for cell in line.split("|")[1:-1]] for line in table.read_text().splitlines()
-    ]
+    table = phase_kpi.markdown([figures])
+    assert [row.phase for row in figures] == ["dwell", "start", "parking", "whole weld"]
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()]
     assert ["whole weld", "one", "-1.00, 1.41, -2.00, +1.00", "+0.0, 0.0, +0.0, +0.0", "-"] in rows
     assert ["published, 8 real welds", "cascade", "+0.6, 1.0, -7.0, +8.0", "-", "-"] in rows
 
@@ -217,7 +215,7 @@ def test_tables_and_files(tmp_path):
     assert "+100.0 %" in next(line for line in lines if line.startswith("| IAE depth"))
     assert {len(line) for line in lines} == {len(head)}
     assert "points" in next(line for line in lines if line.startswith("| time within +-2 um"))
-    json_path, table_path = kpi_table.write(runs, tmp_path)
+    json_path, table_path = kpi_table.write_both(runs, kpi_table.markdown(runs), tmp_path / "kpi")
     assert json.loads(json_path.read_text())[1]["label"] == "two"
     assert table_path.read_text() == kpi_table.markdown(runs)
 

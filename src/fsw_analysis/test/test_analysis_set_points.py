@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from fsw_analysis import kpi
-from fsw_analysis.set_points import HELD, SENT, UNKNOWN_ORDER, SetPoint, timeline
-from fsw_analysis.signals import load_weld
+from fsw_analysis.signals import HELD, SENT, UNKNOWN_ORDER, SetPoint, load_weld, timeline
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.definitions import interface_definition
 from fsw_test_support.sample_weld import SampleTypes, sample_messages, sample_topics

@@ -22,7 +22,7 @@ from fsw_hmi.frames import COLUMNS, SIGNALS, short
 from fsw_hmi.limits import limits
 from fsw_hmi.standing import flags
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest_check import not_as_recorded
+from fsw_recorder.manifest import not_as_recorded
 
 #: more cannot be distinguished on one chart
 MOST_BAGS = 2

@@ -14,8 +14,7 @@ from fsw_analysis.events import of_programme_states, of_states
 from fsw_analysis.headline import gap_mark, page_account
 from fsw_analysis.judgement import Account, judge
 from fsw_analysis.rule_book import RuleBook
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import DriveSignals, WeldSignals, experiment_time_s
+from fsw_analysis.weld_signals import DriveSignals, WeldEvent, WeldSignals, experiment_time_s
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_hmi.frames import COLUMNS, SIGNALS

@@ -13,8 +13,7 @@ from fsw_hmi.frames import COLUMNS
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import MANIFEST_NAME, UNKNOWN, Manifest, hashed, mapped
-from fsw_recorder.manifest_check import unlisted
+from fsw_recorder.manifest import MANIFEST_NAME, UNKNOWN, Manifest, hashed, mapped, unlisted
 from fsw_test_support.programme_bag import write_programme_weld
 from fsw_test_support.sample_weld import TOPICS, SampleTypes, sample_topics, write_sample_weld
 

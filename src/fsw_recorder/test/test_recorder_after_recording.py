@@ -16,8 +16,7 @@ from fsw_recorder import after_recording
 from fsw_recorder.after_recording import LOG_NAME, check, run, start, wait
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
-from fsw_recorder.manifest import read_manifest
-from fsw_recorder.manifest_check import check_files
+from fsw_recorder.manifest import check_files, read_manifest
 from fsw_test_support.waiting import wait_until
 
 PYTHON = f"'{sys.executable}' -c"

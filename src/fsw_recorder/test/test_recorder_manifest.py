@@ -18,12 +18,12 @@ from fsw_recorder.manifest import (
     MANIFEST_NAME,
     FileManifest,
     Manifest,
+    check_file,
+    check_files,
     hashed,
     mapped,
     read_manifest,
 )
-from fsw_recorder.manifest_check import check_file, check_files
-from fsw_recorder.recover import recover, recover_proven
 from fsw_recorder.signature import Purpose, load_trusted, signer_of
 from fsw_test_support.keys import make_key
 from fsw_test_support.sample_weld import sample_messages, sample_topics
@@ -201,34 +201,6 @@ def test_crash_before_the_manifest_loses_no_data_and_is_reported(
     }
 
 
-def test_recovery_keeps_proven_chunks(bag: Path, manifest: Manifest, tmp_path: Path) -> None:
-    listed = file_of(manifest, FILES[0])
-    row, begin, _ = place(listed, "chunk", 2)
-    content = bytearray((bag / FILES[0]).read_bytes())
-    content[begin + 60] ^= 1
-    (bag / FILES[0]).write_bytes(content)
-    result = recover_proven(bag, tmp_path / "proven")
-    assert result.recorded - result.proven == 1 and "chunk 2 (bytes" in result.lost[0]
-    left = {
-        item.pieces for item in check_files(tmp_path / "proven", manifest) if item.file == FILES[0]
-    }
-    assert (row,) in left
-    lost_ns = listed.pieces[row]
-    with (
-        BagReader(tmp_path / "proven") as after,
-        BagReader(tmp_path / "proven" / FILES[0]) as first,
-    ):
-        assert after.problems == [] and after.info().message_count == result.messages
-        assert after.metadata.custom_data["canister"] == "C-117"
-        times = [record.log_time_ns for record in first.records()]
-    assert lost_ns.begin_ns is not None and not any(
-        lost_ns.begin_ns < time < lost_ns.end_ns for time in times
-    )
-    recover(bag, tmp_path / "copy")
-    with pytest.raises(BagError, match=r"without manifest\.json"):
-        recover_proven(tmp_path / "copy", tmp_path / "none")
-
-
 @pytest.mark.parametrize(
     "text", ["", "{}", "[1", '{"format": "fsw_bag_manifest", "version": 2}', "[" * 100000]
 )
@@ -247,8 +219,6 @@ def test_the_recorder_signs_the_manifest_when_it_closes(tmp_path: Path) -> None:
     bag = write_weld(tmp_path / "weld", 3, options=options)
     trusted = load_trusted([tmp_path / "machine.pub"])
     assert signer_of(bag / MANIFEST_NAME, Purpose.MANIFEST, trusted).name == "machine"
-    recover_proven(bag, tmp_path / "proven")
-    assert signer_of(tmp_path / "proven" / MANIFEST_NAME, Purpose.MANIFEST, trusted)
     text = (bag / MANIFEST_NAME).read_text()
     (bag / MANIFEST_NAME).write_text(text.replace("C-117", "C-118"))
     with pytest.raises(EvidenceError) as caught:

@@ -137,9 +137,7 @@ def test_nothing_is_recorded_before_the_awaited_topics_are_there(
     """So that a plant that waits for subscribers waits for a recorder that has found all nodes."""
     bag = tmp_path / "bag"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
-    recorder = start_recorder(
-        graph, bag, 'wait_for_topics:=["fsw/late", "fsw/later"]', "discovery_period:=0.05"
-    )
+    recorder = start_recorder(graph, bag, 'wait_for_topics:=["fsw/late", "fsw/later"]')
     late = graph.node.create_publisher(String, "/fsw/late", 10)
     graph.until(
         lambda: late.get_subscription_count() == 1, "the first awaited topic is recorded at once"
@@ -437,7 +435,7 @@ def test_a_bag_that_exists_ends_the_start_with_one_line(graph: Any, tmp_path: Pa
     ("parameters", "text"),
     [
         (["output:=b", "scenario:=missing.yaml"], "missing.yaml"),
-        (["output:=c", "chunk_period:=7.0"], "chunk_period"),
+        (["output:=c", "queue_depth:=0"], "queue_depth"),
     ],
 )
 def test_bad_parameters_are_one_line(

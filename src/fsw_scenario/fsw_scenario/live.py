@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import secrets
 import sys
 from pathlib import Path
@@ -26,7 +25,8 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     assert scenario is not None
     graph.folder.mkdir(parents=True, exist_ok=True)
     token, token_file = secrets.token_urlsafe(12), graph.folder / "token"
-    _write_secret(token_file, token)
+    token_file.touch(0o600, exist_ok=False)  # only its owner can read it
+    token_file.write_text(f"{token}\n", encoding="utf-8")
     hmi = launcher.start("hmi", "hmi", ["--port", str(port), "--token-file", str(token_file)])
     launcher.wait_until(hmi.status, _PATIENCE_S, "the operator's page")
     url = hmi.status()["url"]
@@ -89,11 +89,3 @@ def _weld(launcher: Launcher, player: Child) -> None:
 
     # the programme may be held for any length of time
     launcher.wait_until(over, float("inf"), "the end of the weld", [])
-
-
-def _write_secret(path: Path, text: str) -> None:
-    """Write a file that only its owner can read."""
-    with os.fdopen(
-        os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8"
-    ) as file:
-        file.write(text + "\n")

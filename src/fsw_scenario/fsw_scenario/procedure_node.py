@@ -23,8 +23,7 @@ from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import SupervisorState, WeldReference
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_scenario.parameters import ProcedureParameters
-from fsw_scenario.procedure import load
-from fsw_scenario.procedure_watch import ProcedureWatch
+from fsw_scenario.procedure import ProcedureWatch, load
 
 _REPORT_S = 1.0
 #: prefix of the names of controllers' nodes

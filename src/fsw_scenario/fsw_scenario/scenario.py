@@ -28,8 +28,15 @@ from fsw_plant.config import json_schema as plant_json_schema
 from fsw_plant.event_schema import DURATION_S, TIME_S
 from fsw_plant.schedule import EventEntry
 from fsw_plant.tool_path import Waypoint, check_order
-from fsw_scenario.weld_programme import ANGLE_DEG, Phase, SetPointEntry, time_at
-from fsw_scenario.weld_programme_file import joined, set_points, tool_path
+from fsw_scenario.weld_programme import (
+    ANGLE_DEG,
+    Phase,
+    SetPointEntry,
+    joined,
+    set_points,
+    time_at,
+    tool_path,
+)
 
 #: controller name of scenarios that command the inputs themselves
 OPEN_LOOP = "none"

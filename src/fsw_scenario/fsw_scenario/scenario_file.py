@@ -111,19 +111,12 @@ def put(content: dict[str, Any], path: str, value: Any, where: str = "override")
         raise InputError(f"{where}: {path} is not a path such as plant.seed or events[2].at_s")
     inside: Any = content
     for i, step in enumerate(steps):
-        if isinstance(step, int):
-            if not isinstance(inside, list) or step >= len(inside):
-                have = (
-                    f"{len(inside)} entries, counted from 0"
-                    if isinstance(inside, list)
-                    else "no list"
-                )
-                raise InputError(
-                    f"{where}: there is no [{step}] in {path}: {steps[i - 1]} has {have}"
-                )
-        elif not isinstance(inside, dict):
-            whole = f"give {steps[i - 1]} as a whole, in YAML, or change the scenario file"
-            raise InputError(f"{where}: {steps[i - 1]} has no named values; {whole}")
+        by_number, is_list = isinstance(step, int), isinstance(inside, list)
+        fits = is_list and step < len(inside) if by_number else isinstance(inside, dict)
+        if not fits:
+            have = f"{len(inside)} entries from 0" if is_list else "none"
+            what = f"no [{step}]: it has {have}" if by_number else "no named values; give it whole"
+            raise InputError(f"{where}: {steps[i - 1]} of {path} has {what}")
         if i == len(steps) - 1:
             inside[step] = value
         else:

@@ -13,7 +13,7 @@ from fsw_control import Reference, weld
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED, STREAM
 from fsw_msgs.msg import ShoulderDepth, SpindleTorque, WeldCommand, WeldReference
-from fsw_scenario import open_loop_node
+from fsw_scenario.controller_node import open_loop
 from fsw_test_support.ros_graph import Spinner, domain_id
 from fsw_test_support.waiting import PATIENCE_S
 
@@ -48,7 +48,7 @@ def test_open_loop_node_proposes_the_scenarios_commands(tmp_path):
         convert.reference_message(Reference(2.66, 850.0), 0)
     )  # without one, no controller is asked
     parameters = ["-p", f"scenario:={scenario}", "-p", "from_first_tick:=true"]
-    command = [sys.executable, "-m", "fsw_scenario.open_loop_node", "--ros-args", *parameters]
+    command = [sys.executable, "-m", "fsw_scenario.controller_node", "--ros-args", *parameters]
     node = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
     stamps = count(1)
@@ -88,6 +88,6 @@ def test_open_loop_node_proposes_the_scenarios_commands(tmp_path):
 
 
 def test_a_scenario_that_is_missing_ends_the_start_with_one_line(capfd):
-    assert open_loop_node.main(["open_loop", "--ros-args", "-p", "scenario:=nothing_there"]) == 2
+    assert open_loop(["open_loop", "--ros-args", "-p", "scenario:=nothing_there"]) == 2
     printed = "".join(capfd.readouterr())
     assert "scenario nothing_there" in printed and printed.count("\n") == 1

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 import yaml
 
+from fsw_analysis.procedure import Procedure
 from fsw_control import weld
 from fsw_control.parameters import defaults
 from fsw_control.schema.models import InputError
 from fsw_scenario import procedure
-from fsw_scenario.procedure import Procedure
 from fsw_supervisor.parameters import SupervisorParameters
 
 

@@ -12,9 +12,8 @@ from fsw_control.cause import Cause
 from fsw_control.coded import Fact
 from fsw_control.parameters import defaults
 from fsw_control.schema.models import InputError
-from fsw_scenario import procedure, procedure_limits
-from fsw_scenario.procedure_limits import graph_parameters, node_parameters
-from fsw_scenario.procedure_watch import Deviation, ProcedureWatch
+from fsw_scenario import procedure
+from fsw_scenario.procedure import Deviation, ProcedureWatch, graph_parameters, node_parameters
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_test_support.judged_weld import short_procedure
 
@@ -59,7 +58,7 @@ def test_a_weld_by_a_procedure_has_its_limits_and_runs_the_hooks(
     monkeypatch: pytest.MonkeyPatch, hooked: bool
 ) -> None:
     hooks = {"judge": lambda bag, file: ["judge", bag, "a file", file]} if hooked else {}
-    monkeypatch.setattr(procedure_limits, "all_loaded", {"fsw.record_hooks": hooks}.__getitem__)
+    monkeypatch.setattr(procedure, "all_loaded", {"fsw.record_hooks": hooks}.__getitem__)
     parameters = graph_parameters("copper_lid")
     assert parameters["fsw_supervisor"]["interlocks.depth_high.trip"] == 3.7
     assert parameters["fsw_recorder"]["attach"] == [parameters["fsw_procedure"]["procedure"]]

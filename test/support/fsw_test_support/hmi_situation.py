@@ -13,7 +13,7 @@ from fsw_hmi.alarm_rules import Part, Situation
 from fsw_hmi.limits import DEVIATIONS, limits
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.standing import outside_now
-from fsw_scenario.procedure_watch import ProcedureWatch
+from fsw_scenario.procedure import ProcedureWatch
 from fsw_test_support.judged_weld import short_procedure
 
 GOOD = {

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from fsw_analysis.weld_events import WeldEvent
-from fsw_analysis.weld_signals import DriveSignals, WeldSignals
+from fsw_analysis.procedure import Procedure
+from fsw_analysis.weld_signals import DriveSignals, WeldEvent, WeldSignals
 from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C
 from fsw_scenario import procedure
-from fsw_scenario.procedure import Procedure
 
 #: ticks of the dwell and of the whole weld; the tool then travels 0.2 mm in a tick, of 0.02 deg
 DWELL, TICKS = 10, 60

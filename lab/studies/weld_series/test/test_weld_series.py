@@ -10,8 +10,7 @@ pytest.importorskip("pyarrow")
 
 from fsw_analysis.signals import load_weld
 from fsw_quality import history
-from fsw_recorder.manifest import read_manifest
-from fsw_recorder.manifest_check import check_files
+from fsw_recorder.manifest import check_files, read_manifest
 from fsw_scenario import procedure
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all

@@ -11,11 +11,18 @@ from fsw.command import FORCE, command, group, option
 from fsw.console import print_table
 from fsw.keys import PRIVATE_KEY, REQUIRE_SIGNED, TRUSTED, private_key, trusted_keys
 from fsw.outputs import check_new, write_text
+from fsw_analysis.procedure import Procedure
 from fsw_control.schema.files import read_regular
 from fsw_control.schema.models import content_of, validate
 from fsw_recorder.signature import Purpose, sign, signature_path
-from fsw_scenario.procedure import Procedure, differences, load, shipped, signer_of
-from fsw_scenario.procedure_limits import check_possible, node_parameters
+from fsw_scenario.procedure import (
+    check_possible,
+    differences,
+    load,
+    node_parameters,
+    shipped,
+    signer_of,
+)
 
 PROCEDURE = group(
     "procedure",
