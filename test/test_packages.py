@@ -6,11 +6,8 @@ import sys
 import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping
-from contextlib import chdir
 from functools import cache
 from pathlib import Path
-from runpy import run_path
-from typing import Any
 
 import pytest
 import yaml
@@ -195,9 +192,11 @@ OPTIONAL = {
     "fpdf",
     "securesystemslib",
     "pandas",
+    "xarray",
     "control",
     "do_mpc",
     "gymnasium",
+    "shtab",
 }
 
 
@@ -279,7 +278,7 @@ def test_package_xml_says_what_setup_imports(package: Path) -> None:
     used = {module.partition(".")[0] for module, _ in imports(source)} - set(
         sys.stdlib_module_names
     )
-    used -= {"_ament", "setuptools", *(path.stem for path in package.glob("*.py"))}
+    used -= {"setuptools", *(path.stem for path in package.glob("*.py"))}
     assert used == declared(package, "depend", "build_depend")
 
 
@@ -370,17 +369,6 @@ def test_a_circle_of_sub_packages_would_be_found(tmp_path: Path) -> None:
     assert circle(folder_edges(outer)) == []
 
 
-@cache
-def set_up(package: Path) -> dict[str, Any]:
-    """What a package's setup.py hands to setuptools, where colcon runs it."""
-    given: dict[str, Any] = {}
-    with chdir(package), pytest.MonkeyPatch.context() as patch:
-        patch.setattr("setuptools.setup", lambda **words: given.update(words))
-        patch.syspath_prepend(str(package))
-        run_path("setup.py")
-    return given
-
-
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_package_has_what_ament_and_colcon_look_for(package: Path) -> None:
     """Without the extra ``test``, ``colcon test`` runs no test at all and says OK."""
@@ -389,7 +377,9 @@ def test_package_has_what_ament_and_colcon_look_for(package: Path) -> None:
         encoding="utf-8"
     )
     assert (package / "README.md").is_file()
-    assert set_up(package)["extras_require"] == {"test": ["pytest"]}
+    assert 'extras_require={"test": ["pytest"]}' in (package / "setup.py").read_text(
+        encoding="utf-8"
+    )
     assert f"install_scripts=$base/lib/{package.name}" in (package / "setup.cfg").read_text(
         encoding="utf-8"
     )
@@ -399,8 +389,10 @@ def test_package_has_what_ament_and_colcon_look_for(package: Path) -> None:
 @pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
 def test_nodes_start_quietly_and_their_entry_points_exist(package: Path) -> None:
     """A node's entry point imports nothing before a Ctrl-C is taken care of (``fsw_control.schema.entry``)."""
-    for point in set_up(package)["entry_points"].get("console_scripts", ()):
-        module, path = point.partition(" = ")[2].split(":")
+    setup = (package / "setup.py").read_text(encoding="utf-8").replace("{PACKAGE}", package.name)
+    scripts = re.search(r'"console_scripts": \[.*?\]', setup, re.DOTALL)
+    scripts_found = re.findall(r'"[a-z_]+ = ([\w.]+):([\w.]+)"', scripts[0] if scripts else "")
+    for module, path in scripts_found:
         if module == "fsw_control.schema.entry":
             file, function = path.rpartition(".")[::2]
             module, path = file, function
@@ -432,8 +424,8 @@ def test_the_version_is_the_same_everywhere() -> None:
     }
     for package in [*PACKAGES, SOURCES / "fsw_msgs"]:
         versions[str(package)] = ElementTree.parse(package / "package.xml").findtext("version")
-        if package in PACKAGES:
-            versions[f"{package}/setup.py"] = set_up(package)["version"]
+    for path in (package / "setup.py" for package in PACKAGES):
+        versions[str(path)] = re.search(r'version="(.*)"', path.read_text("utf-8"))[1]
     changes = (SOURCES.parent / "CHANGELOG.md").read_text(encoding="utf-8")
     versions["CHANGELOG.md"] = re.search(r"^## \[(.*)\]", changes, re.MULTILINE)[1]
     assert len(versions) >= 2 * len(PACKAGES)

@@ -10,9 +10,8 @@
 from math import pi
 
 import fsw
-from fsw_model import equations
 
-parameters = fsw.model().parameters
+friction_nm = fsw.model().equation(23)
 
 
 class TwoLoops(fsw.Controller):
@@ -27,8 +26,7 @@ class TwoLoops(fsw.Controller):
         temperature_c = reference.temperature_c - measurement.temperature_c
         self.sums[0] += 0.1 * depth_mm
         self.sums[1] += 0.1 * temperature_c
-        friction_nm = equations.friction_torque_nm(parameters, applied.speed_rpm)
-        process_nm = measurement.torque_nm - friction_nm
+        process_nm = measurement.torque_nm - float(friction_nm(applied.speed_rpm))
         self.torque_nm = (
             process_nm if self.torque_nm is None else 0.7 * self.torque_nm + 0.3 * process_nm
         )

@@ -1,9 +1,17 @@
-"""Ament package fsw_export."""
+from setuptools import find_packages, setup
 
-import sys
-from pathlib import Path
+package_name = "fsw_export"
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
-from _ament import setup_package
-
-setup_package(__file__, "targets.json", "c/*", "c/cortex_m7/*", "fmi/*", "templates/*")
+setup(
+    name=package_name,
+    version="0.3.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={
+        package_name: ["py.typed", "targets.json", "c/*", "c/cortex_m7/*", "fmi/*", "templates/*"]
+    },
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
+        ("share/" + package_name, ["package.xml"]),
+    ],
+    extras_require={"test": ["pytest"]},
+)

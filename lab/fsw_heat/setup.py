@@ -1,9 +1,20 @@
 """Ament package fsw_heat."""
 
-import sys
-from pathlib import Path
+from setuptools import find_packages, setup
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
-from _ament import setup_package
+package_name = "fsw_heat"
 
-setup_package(__file__)
+setup(
+    name=package_name,
+    version="0.3.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+    ],
+    extras_require={"test": ["pytest"]},
+    entry_points={
+        "fsw.processes": ["canister = fsw_heat:load_or_compact"],
+    },
+)

@@ -1,9 +1,17 @@
 """Ament package of the identification."""
 
-import sys
-from pathlib import Path
+from setuptools import find_packages, setup
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
-from _ament import setup_package
+package_name = "fsw_identification"
 
-setup_package(__file__, "templates/*.j2")
+setup(
+    name=package_name,
+    version="0.3.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["py.typed", "templates/*.j2"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+    ],
+    extras_require={"test": ["pytest"]},
+)

@@ -1,9 +1,21 @@
-"""Ament package fsw_control."""
+from setuptools import find_packages, setup
 
-import sys
-from pathlib import Path
+package_name = "fsw_control"
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
-from _ament import setup_package
-
-setup_package(__file__, "*.xml")
+setup(
+    name=package_name,
+    version="0.3.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["*.xml", "py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
+        ("share/" + package_name, ["package.xml"]),
+    ],
+    extras_require={"test": ["pytest"]},
+    entry_points={
+        "fsw.schemas": [
+            "footprint = fsw_control.depth_footprint:Footprint",
+            "parameters-controller = fsw_control.common_parameters:ControllerParameters",
+        ]
+    },
+)

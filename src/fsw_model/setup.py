@@ -1,9 +1,21 @@
-"""Ament package fsw_model."""
+from setuptools import find_packages, setup
 
-import sys
-from pathlib import Path
+package_name = "fsw_model"
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
-from _ament import setup_package
-
-setup_package(__file__)
+setup(
+    name=package_name,
+    version="0.3.0",
+    packages=find_packages(exclude=["test"]),
+    package_data={package_name: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
+        ("share/" + package_name, ["package.xml"]),
+    ],
+    extras_require={"test": ["pytest"]},
+    entry_points={
+        "fsw.schemas": [
+            "heat = fsw_model.heat_profile:HeatProfile",
+            "model = fsw_model:ModelParameters",
+        ]
+    },
+)

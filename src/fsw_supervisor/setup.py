@@ -1,9 +1,24 @@
 """Packaging of fsw_supervisor for colcon."""
 
-import sys
-from pathlib import Path
+from setuptools import setup
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
-from _ament import setup_package
+PACKAGE = "fsw_supervisor"
 
-setup_package(__file__)
+setup(
+    name=PACKAGE,
+    version="0.3.0",
+    packages=[PACKAGE],
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+    ],
+    extras_require={"test": ["pytest"]},
+    entry_points={
+        "console_scripts": [
+            "supervisor = fsw_control.schema.entry:fsw_supervisor.supervisor_node.main"
+        ],
+        "fsw.schemas": ["parameters-supervisor = fsw_supervisor.parameters:SupervisorParameters"],
+        "fsw.nodes": ["supervisor = fsw_supervisor.supervisor_node:main"],
+    },
+)

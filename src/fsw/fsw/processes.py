@@ -1,4 +1,4 @@
-"""The process model for Python: its linearisations and forms for other tools."""
+"""The process model for Python: its equations, linearisations and forms for other tools."""
 
 from __future__ import annotations
 
@@ -28,8 +28,6 @@ OUTPUTS = ("depth_mm", "temperature_c", "motor_torque_nm")
 class Model:
     """The process of the paper, equations (16)-(27), with some parameters.
 
-    Each equation alone is a function of :mod:`fsw_model.equations`.
-
     Parameters
     ----------
     parameters : ModelParameters
@@ -53,6 +51,77 @@ class Model:
     def __init__(self, parameters: ModelParameters) -> None:
         self.parameters = parameters
         self.process = ProcessModel(parameters)
+
+    @validated
+    def equation(self, number: int) -> ca.Function:
+        """An equation of the paper as a CasADi function; its argument names include the units.
+
+        (16), (17), (18) are derivatives with respect to time, (16) without its dead time; (19)
+        holds (20)-(22).
+
+        Raises
+        ------
+        fsw_control.schema.models.InputError
+            For a number that is none of these: 8, 16-19, 23, 24, 26, 27.
+
+        Examples
+        --------
+        >>> import fsw
+        >>> torque = fsw.model().equation(19)
+        >>> round(float(torque(78.4, 2.66)))
+        1022
+        """
+        function = self._equations.get(number)
+        if function is None:
+            raise InputError(
+                f"equation {number}: there are {', '.join(map(str, self._equations))}"
+            )
+        return function
+
+    @cached_property
+    def _equations(self) -> dict[int, ca.Function]:
+        ca, p = needed("casadi"), self.parameters
+        (force, speed, depth, torque, motor), modes = (
+            map(ca.SX.sym, ("F", "w", "z", "M", "tau")),
+            ca.SX.sym("l", 3),
+        )
+        lags, arriving = ca.SX.sym("T", 2), ca.SX.sym("P")
+        (a, b), (poles, gains) = equations.thermal_block(p), equations.depth_modes(p)
+        friction = _function(
+            "friction", {"speed_rpm": speed}, "torque_nm", equations.friction_torque_nm(p, speed)
+        )
+        thermal = ca.DM(a) @ lags + ca.DM(b) * arriving
+        moved = ca.DM(poles) * modes + ca.DM(gains) * (force - p.operating_force_kn)
+        depth_of = equations.depth_mm(p, modes[0], modes[1], modes[2], lags[1])
+        lag = (torque - motor) / p.motor_lag_s
+        of_tool = equations.process_torque_nm(p, force, depth)
+        power = equations.power_kw(torque, speed)
+        return {
+            8: friction,
+            16: _function(
+                "thermal", {"copper_tool_c": lags, "power_kw": arriving}, "c_per_s", thermal
+            ),
+            17: _function(
+                "depth_modes", {"modes_mm": modes, "force_kn": force}, "mm_per_s", moved
+            ),
+            18: _function(
+                "motor", {"torque_nm": torque, "motor_torque_nm": motor}, "nm_per_s", lag
+            ),
+            19: _function(
+                "process_torque", {"force_kn": force, "depth_mm": depth}, "torque_nm", of_tool
+            ),
+            23: friction,
+            24: _function("power", {"torque_nm": torque, "speed_rpm": speed}, "power_kw", power),
+            26: _function(
+                "temperature",
+                {"copper_tool_c": lags},
+                "temperature_c",
+                p.operating_temperature_c + lags[1],
+            ),
+            27: _function(
+                "depth", {"modes_mm": modes, "copper_tool_c": lags}, "depth_mm", depth_of
+            ),
+        }
 
     @cached_property
     def discrete(self) -> ca.Function:
@@ -209,6 +278,10 @@ class Model:
         made.set_rhs("x", after)
         made.setup()
         return made
+
+
+def _function(name: str, inputs: Mapping[str, ca.SX], result: str, value: ca.SX) -> ca.Function:
+    return needed("casadi").Function(name, [*inputs.values()], [value], [*inputs], [result])
 
 
 @validated

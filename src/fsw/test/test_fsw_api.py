@@ -64,7 +64,7 @@ def test_a_weld_and_its_figure_need_no_extra(tmp_path):
         fsw.compare("quick", ["nmpc", "decentral"]).plot().savefig("figure.png")
         print(round(fsw.model().process.equilibrium().speed_rpm, 3))
         try:
-            fsw.model().discrete  # noqa: B018
+            fsw.model().equation(19)
         except ImportError as error:
             print("fsw-control[science]" in str(error))
     """
@@ -150,6 +150,8 @@ def test_a_comparison_takes_a_list(controllers):
         (lambda: fsw.model(np.eye(2)), "model", "source", {TEXT, PATH}),
         (lambda: fsw.model(dead_time_s="x"), "model", "values.dead_time_s", {"float_type"}),
         (lambda: fsw.Model(3), "Model", "parameters", {PATH}),
+        (lambda: fsw.model().equation([]), "equation", "number", {"int_type"}),
+        (lambda: fsw.model().equation(True), "equation", "number", {"int_type"}),
         (lambda: fsw.model().linearise("a"), "linearise", "depth_mm", {"float_type"}),
         (lambda: fsw.model().linearise(True), "linearise", "depth_mm", {"float_type"}),
         (lambda: fsw.model().linearise(delay="a"), "linearise", "delay", {"literal_error"}),
@@ -176,6 +178,7 @@ def test_numpy_numbers_are_accepted():
     assert (
         fsw.model(dead_time_s=np.float32(1.5)).parameters == fsw.model(dead_time_s=1.5).parameters
     )
+    assert fsw.model().equation(np.int64(19))(78.4, 2.66) == fsw.model().equation(19)(78.4, 2.66)
 
 
 def test_python_type_errors_name_the_function():
@@ -442,6 +445,12 @@ def test_the_example_with_do_mpc_moves_to_the_set_point():
     made, start = example["acados_model"](), fsw.model().state()
     step = ca.Function("step", [made["x"], made["u"]], [made["disc_dyn_expr"]])
     assert step(start, [78.4, 407.576]).full().ravel() == pytest.approx(start, abs=1e-4)
+
+
+def test_an_equation_that_is_not_there_is_named():
+    with pytest.raises(InputError, match=r"equation 3: .* 8, 16"):
+        fsw.model().equation(3)
+    assert float(fsw.model().equation(27)([0, 0, 0], [0, 0])) == pytest.approx(2.66)
 
 
 def test_a_keyword_of_the_model_has_the_unit_of_its_name():
