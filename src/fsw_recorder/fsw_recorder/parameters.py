@@ -28,9 +28,13 @@ class RecorderParameters(NodeParameters):
     """Names of topics to exclude."""
     exclude_regex: Annotated[str, AT_START] = ""
     """Excludes topics whose name contains a match of this regular expression."""
+    include_hidden: Annotated[bool, AT_START] = False
+    """Also record hidden topics (with a name component that begins with an underscore)."""
     wait_for_topics: Annotated[Many[str], AT_START] = ()
     """Topics that need a publisher before any other is recorded: then a plant that waits for
     subscribers starts only once these are recorded."""
+    discovery_period: Annotated[float, Range(0.01, 10.0, "s"), AT_START] = 0.1
+    """How often the graph is searched for new topics."""
     queue_depth: Annotated[Whole, Range(1, 100000, ""), AT_START] = 1000
     """Queue depth of each subscription while the recorder is busy."""
     compression: Annotated[Literal["", "zstd"], AT_START] = ""
@@ -55,6 +59,9 @@ class RecorderParameters(NodeParameters):
     """Scenario file to attach to the bag as scenario.yaml."""
     attach: Annotated[Many[str], AT_START] = ()
     """Further files to attach to the bag, under their names."""
+    collect_parameters: Annotated[bool, AT_START] = True
+    """Attach the parameters of the nodes of this weld, and of those outside of any namespace, to
+    the bag, as parameters/<node>.yaml."""
     custom_data: Annotated[Many[str], AT_START] = ()
     """Entries key=value for metadata.yaml."""
     on_finished: Annotated[Many[str], AT_START] = ()
@@ -76,6 +83,10 @@ class ReplayParameters(NodeParameters):
     start_offset: Annotated[float, Range(0.0, 1000000000.0, "s"), AT_START] = 0.0
     """Start time within the bag; latched topics are published first, with their last earlier
     value."""
+    duration: Annotated[float, Range(0.0, 1000000000.0, "s"), AT_START] = 0.0
+    """Duration to play; 0: to the end of the bag."""
+    loop: Annotated[bool, AT_START] = False
+    """Start over at the end."""
     start_paused: Annotated[bool, AT_START] = False
     """Wait for ~/resume or ~/play_next."""
     topics: Annotated[Many[str], AT_START] = ()
@@ -92,6 +103,8 @@ class ReplayParameters(NodeParameters):
     clock: Annotated[Literal["auto", "bag_time", "recorded", "none"], AT_START] = "auto"
     """Content of /clock: bag_time: the time being played; recorded: the recorded /clock; none:
     nothing; auto: recorded if the bag has it."""
+    clock_frequency: Annotated[float, Range(0.1, 1000.0, "Hz"), AT_START] = 40.0
+    """Rate at which /clock is published in addition to with every message."""
     wait_for: Annotated[Many[str], AT_START] = ()
     """Topics that must have a matched subscriber before the first message; named n times: n
     subscribers."""

@@ -11,7 +11,6 @@ from fsw_recorder.weld_clock import WeldClockReader
 
 #: as in ``parameters.py``
 MIN_RATE, MAX_RATE = 1e-3, 1e6
-_MOST = 1000
 
 
 class Player:
@@ -29,6 +28,8 @@ class Player:
         topics: Collection[str] | None = None,
         rate: float = 1.0,
         start_offset_s: float = 0.0,
+        duration_s: float = 0.0,
+        loop: bool = False,
         paused: bool = False,
     ) -> None:
         self._reader = reader
@@ -46,6 +47,9 @@ class Player:
                 f"{reader.path}: start offset {start_offset_s:g} s is outside the bag, "
                 f"which is {info.duration_s:.3f} s long"
             )
+        if duration_s > 0.0:
+            self.end_ns = min(self.end_ns, self.start_ns + round(duration_s * 1e9))
+        self._loop = loop
         self.rate = rate
         self.is_paused = paused
         self.finished = False
@@ -69,16 +73,20 @@ class Player:
         elapsed = 0 if self.is_paused else round((now_ns - self._anchor_now_ns) * self.rate)
         return min(self._anchor_bag_ns + elapsed, self.end_ns)
 
-    def take_due(self, now_ns: int) -> list[BagRecord]:
-        """Messages that are due, at most 1000; `finished` is set after the last one."""
+    def take_due(self, now_ns: int, most: int = 1000) -> list[BagRecord]:
+        """Messages that are due, at most ``most``; `finished` is set after the last one."""
         due: list[BagRecord] = []
         if self.is_paused or self.finished:
             return due
         bag_time = self.bag_time_ns(now_ns)
-        while self._next is not None and self._next.log_time_ns <= bag_time and len(due) < _MOST:
+        while self._next is not None and self._next.log_time_ns <= bag_time and len(due) < most:
             due.append(self._next)
             self._next = next(self._source, None)
-        self.finished = self._next is None
+        if self._next is None:
+            if self._loop:
+                self.seek(self.start_ns, now_ns)
+            else:
+                self.finished = True
         return due
 
     def hold_back(self, lost_ns: int) -> None:

@@ -48,8 +48,6 @@ from fsw_recorder.topic import RecordedTopic, TopicSelection
 from fsw_recorder.topic_subscription_ros import TopicSubscription
 
 _REPORT_PERIOD_S = 1.0
-#: how often the graph is searched for new topics
-_DISCOVERY_PERIOD_S = 0.1
 #: polling period [s]; the queues hold far more than arrives meanwhile
 _POLL_PERIOD_S = 0.01
 
@@ -97,7 +95,7 @@ class RecorderNode(ManagedNode):
         rules = {
             field.name: values[field.name]
             for field in fields(TopicSelection)
-            if field.name in values
+            if field.name != "namespace"
         }
         self._selection = TopicSelection(**rules, namespace=self.get_namespace())
         self._depth: int = values["queue_depth"]
@@ -126,14 +124,17 @@ class RecorderNode(ManagedNode):
             raise
 
     def _begin(self) -> None:
+        values = self._values
         self._make_services()
-        self._snapshots = ParameterSnapshots(
-            self, self._attach_parameters, self._selection.takes_node
-        )
+        self._snapshots = None
+        if values["collect_parameters"]:
+            self._snapshots = ParameterSnapshots(
+                self, self._attach_parameters, self._selection.takes_node
+            )
         steady = Clock(
             clock_type=ClockType.STEADY_TIME
         )  # also runs while simulated time stands still
-        self.create_timer(_DISCOVERY_PERIOD_S, self._discover, clock=steady)
+        self.create_timer(values["discovery_period"], self._discover, clock=steady)
         self.create_timer(_REPORT_PERIOD_S, self._report, clock=steady)
         self.create_timer(_POLL_PERIOD_S, self._poll, clock=steady)
         self._discover()
@@ -278,7 +279,7 @@ class RecorderNode(ManagedNode):
 
     def _report(self) -> None:
         error = self.writer.error
-        if error is None:
+        if self._snapshots is not None and error is None:
             self._snapshots.look_for_nodes()
         counters, lost = self.writer.statistics(), self._lost()
         lacks = bool(lost or counters["dropped"] or self._left_out)

@@ -45,8 +45,6 @@ from fsw_recorder.topic import TopicSelection
 from fsw_recorder.weld_clock import on_weld_clock
 
 _PERIOD_S = 0.002
-#: longest time between two clock messages
-_CLOCK_PERIOD_NS = 25_000_000
 #: longest pause of this process that is made up for at once
 _STALL_NS = 50_000_000
 #: maximum time to wait for subscribers; after that playback begins with a warning
@@ -98,6 +96,8 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
             names,
             rate=values["rate"],
             start_offset_s=values["start_offset"],
+            duration_s=values["duration"],
+            loop=values["loop"],
             paused=values["start_paused"],
         )
         self._published = 0
@@ -105,6 +105,7 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
         self._clock_publisher = (
             self.create_publisher(ClockMessage, "/clock", 1) if own_clock else None
         )
+        self._clock_period_ns = round(1e9 / values["clock_frequency"])
         self._last_clock_ns = self._last_tick_ns = 0
         self._wait_for: list[str] = [name for name in values["wait_for"] if name]
         now = time.monotonic()
@@ -161,7 +162,7 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
         self._last_tick_ns = now_ns
         for record in self.player.take_due(now_ns):
             self._publish(record)
-        if now_ns - self._last_clock_ns >= _CLOCK_PERIOD_NS:
+        if now_ns - self._last_clock_ns >= self._clock_period_ns:
             self._publish_clock(self.player.bag_time_ns(now_ns))
             self._last_clock_ns = now_ns
         if self.player.finished and self._exit_at_end:

@@ -137,7 +137,9 @@ def test_nothing_is_recorded_before_the_awaited_topics_are_there(
     """So that a plant that waits for subscribers waits for a recorder that has found all nodes."""
     bag = tmp_path / "bag"
     depth = graph.node.create_publisher(ShoulderDepth, "/fsw/depth", 1000)
-    recorder = start_recorder(graph, bag, 'wait_for_topics:=["fsw/late", "fsw/later"]')
+    recorder = start_recorder(
+        graph, bag, 'wait_for_topics:=["fsw/late", "fsw/later"]', "discovery_period:=0.05"
+    )
     late = graph.node.create_publisher(String, "/fsw/late", 10)
     graph.until(
         lambda: late.get_subscription_count() == 1, "the first awaited topic is recorded at once"

@@ -77,11 +77,17 @@ def test_seek(reader: BagReader) -> None:
     assert not player.seek(info.start_ns - 1, 0) and not player.seek(info.end_ns + 1, 0)
 
 
-def test_offset_and_latched(reader: BagReader) -> None:
-    player = Player(reader, 0, start_offset_s=2.0)
+def test_offset_duration_and_latched(reader: BagReader) -> None:
+    player = Player(reader, 0, start_offset_s=2.0, duration_s=1.0)
     assert [record.topic for record in player.latched_before_start()] == ["/demo/latched"]
-    assert 38 <= len(played(player, S)) <= 42
+    assert 38 <= len(played(player, 2 * S)) <= 42
     assert Player(reader, 0).latched_before_start() == []
+
+
+def test_loop(reader: BagReader) -> None:
+    player = Player(reader, 0, loop=True, rate=100.0)
+    assert len(played(player, S // 2)) >= 3 * 177
+    assert not player.finished
 
 
 def test_topics(reader: BagReader) -> None:

@@ -60,10 +60,10 @@ def test_a_part_is_cut_on_the_weld_clock(tmp_path: Path) -> None:
             record.log_time_ns
             for record in weld.records(["/fsw/depth"], start_ns=stamps[20], stop_ns=stamps[30])
         ]
-        player = Player(weld, 0, start_offset_s=2.0)
+        player = Player(weld, 0, start_offset_s=2.0, duration_s=1.0)
         played = [record.log_time_ns for record in player.take_due(10**12)]
     assert part == stamps[20:30]
-    assert played[0] == stamps[20]
+    assert played[0] == stamps[20] and played[-1] == stamps[30]
 
 
 def test_weld_clock_continues_after_a_plant_reset(tmp_path: Path) -> None:
