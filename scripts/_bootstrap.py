@@ -69,7 +69,7 @@ WHEELS_READY = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 FROM_ROS = ("numpy",)
 #: extras that the tests need; those of the second line are not there in the oldest supported
 #: versions
-TEST_EXTRAS = ("fmu", "machine", "hmi", "canister", "signing", "pdf")
+TEST_EXTRAS = ("fmu", "machine", "hmi", "canister", "signing", "pdf", "completion")
 NEWER_TEST_EXTRAS = ("campaign", "build", "science", "gym")
 
 

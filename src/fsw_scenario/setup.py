@@ -24,12 +24,12 @@ setup(
         "console_scripts": [
             "scenario = fsw_control.schema.entry:fsw_scenario.scenario_node.main",
             "controller = fsw_control.schema.entry:fsw_scenario.controller_node.main",
-            "open_loop = fsw_control.schema.entry:fsw_scenario.open_loop_node.main",
+            "open_loop = fsw_control.schema.entry:fsw_scenario.controller_node.open_loop",
             "procedure = fsw_control.schema.entry:fsw_scenario.procedure_node.main",
         ],
         "fsw.nodes": [
             "controller = fsw_scenario.controller_node:main",
-            "open_loop = fsw_scenario.open_loop_node:main",
+            "open_loop = fsw_scenario.controller_node:open_loop",
             "procedure = fsw_scenario.procedure_node:main",
             "scenario = fsw_scenario.scenario_node:main",
         ],

@@ -38,6 +38,12 @@ def test_wrong_arguments_tell_the_usage(capsys, arguments):
     assert "usage:" in error
 
 
+def test_zsh_completes_the_file_of_a_figure(capsys):
+    script = run(capsys, "completion", "zsh")[1].splitlines()
+    pictures = [line for line in script if ":FILE.png:" in line]
+    assert pictures and [line for line in pictures if ":_files" not in line] == []
+
+
 OVERWRITING = [
     ["campaign", "report", "{folder}", "--out", "{file}.md"],
     ["identify", "{bag}", "--out", "{file}"],

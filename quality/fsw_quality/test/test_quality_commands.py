@@ -24,7 +24,7 @@ def test_they_need_no_extra_for_help():
     code = """
 import sys
 from fsw.main import parser
-extras = "skfem meshio distributed pyarrow cryptography fpdf gymnasium pandas asyncua"
+extras = "skfem meshio distributed pyarrow cryptography fpdf shtab gymnasium pandas xarray asyncua"
 sys.modules.update(dict.fromkeys([*extras.split(), "starlette", "rclpy"]))
 assert "verify-evidence" in parser("fsw.py", "bag").format_help() + parser().parse_args(["bag", "verify-evidence"]).verb
 """

@@ -27,6 +27,7 @@ from fsw_scenario.plants import Plant
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
     from matplotlib.figure import Figure
 
 Progress = Callable[[float], None]
@@ -118,6 +119,29 @@ class Weld:
 
         return pandas.DataFrame(self.table).set_index("time_s")
 
+    def to_xarray(self) -> xr.Dataset:
+        """All signals over the coordinate ``time_s``, with units as attributes; needs xarray.
+
+        Examples
+        --------
+        >>> import fsw
+        >>> fsw.simulate("quick").to_xarray()["depth_mm"].attrs
+        {'units': 'mm'}
+        """
+        xarray = needed("xarray")
+
+        columns = dict(self.table)
+        time_s = columns.pop("time_s")
+        units = {
+            name: {"units": unit}
+            for name in columns
+            if (unit := _UNITS.get(name.rpartition("_")[2]))
+        }
+        return xarray.Dataset(
+            {name: ("time_s", values, units.get(name)) for name, values in columns.items()},
+            {"time_s": time_s},
+        )
+
     @validated
     def to_csv(self, path: str | Path) -> None:
         """Write all signals as a table; fsw_recorder.errors.BagError if that fails."""
@@ -188,6 +212,20 @@ class Comparison(dict[str, Weld]):
     def plot(self, number: int | None = None) -> Figure:
         """Draw all welds into an overview, or a figure like the paper's 4 to 9."""
         return _figure(list(self.values()), number)
+
+
+#: units by the suffix of a signal's name
+_UNITS = {
+    "mm": "mm",
+    "c": "degC",
+    "kn": "kN",
+    "rpm": "rpm",
+    "nm": "N m",
+    "kw": "kW",
+    "s": "s",
+    "ns": "ns",
+    "deg": "deg",
+}
 
 
 def _figure(welds: Sequence[Weld], number: int | None) -> Figure:

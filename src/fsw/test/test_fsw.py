@@ -4,6 +4,7 @@ import argparse
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -243,6 +244,38 @@ def test_help_is_a_command_too(capsys):
     assert run(capsys, "help")[0] == 0
 
 
+@pytest.mark.parametrize("words", [("simulate", "refer"), ("simulate", "--controller", "decen")])
+def test_bash_completes_scenarios_and_controllers(capsys, tmp_path, words):
+    pytest.importorskip("shtab")
+    script = tmp_path / "completion.bash"
+    script.write_text(run(capsys, "completion", "bash")[1])
+    program = """
+source "$1"; shift
+COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
+_shtab_fsw "$1" "${@: -1}" ""
+echo "${COMPREPLY[*]}"
+"""
+    completed = subprocess.run(
+        ["bash", "-c", program, "bash", script, "fsw", *words],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
+    )
+    assert completed.stdout.split() == [
+        "reference_tracking" if words[-1] == "refer" else "decentral"
+    ]
+
+
+def test_zsh_completes_scenarios_and_controllers(capsys):
+    lines = run(capsys, "completion", "zsh")[1].splitlines()
+    specs = [line for line in lines if re.search(r':_fsw_(scenario|controller)"', line)]
+    assert len(specs) > 5
+    # text of an option in brackets, a message without a colon of its own, what completes
+    spec = re.compile(r'\s*"\*?(--\w+\[(\\.|[^]\\])*\])?:(\\.|[^:\\])*:_fsw_\w+"')
+    assert [line for line in specs if not spec.fullmatch(line)] == []
+
+
 @pytest.mark.parametrize(
     ("command", "words"),
     [
@@ -385,10 +418,10 @@ fsw.simulate("quick", "decentral")
 assert not {"fsw_nmpc", "matplotlib", "mcap", "rosbags"} & sys.modules.keys()
 parser("fsw.py", "status").parse_args(["status", "--timeout", "1"])
 assert not {"matplotlib", "scipy.signal", "rclpy"} & sys.modules.keys()
-extras = "skfem meshio distributed pyarrow cryptography fpdf gymnasium pandas asyncua"
+extras = "skfem meshio distributed pyarrow cryptography fpdf shtab gymnasium pandas xarray asyncua"
 sys.modules.update(dict.fromkeys([*extras.split(), "starlette", "rclpy"]))
 assert parser("fsw.py", "bag").parse_args(["bag", "info", "x"]).verb == "info"
-assert parser().parse_args(["schema", "model"]).file == "model"
+assert parser().parse_args(["completion", "bash"]).shell == "bash"
 """
     subprocess.run([sys.executable, "-c", code], check=True)
 

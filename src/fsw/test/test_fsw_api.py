@@ -23,6 +23,7 @@ EXAMPLES = examples(set(fsw.MODULE_OF.values()) - {"fsw_control.contract"})
 #: modules that some examples need, which are extras
 NEEDED = {
     "to_pandas": "pandas",
+    "to_xarray": "xarray",
     "linearise": "control",
     "to_do_mpc": "do_mpc",
 }
@@ -199,9 +200,9 @@ def test_a_signal_that_is_not_there_and_an_extra_that_is_missing_are_named(monke
         weld["x"]
     with pytest.raises(KeyError, match="signal 3"):
         weld[3]
-    for module in ("pandas", "control", "do_mpc.model"):
+    for module in ("pandas", "xarray", "control", "do_mpc.model"):
         monkeypatch.setitem(sys.modules, module, None)
-    for convert in (weld.to_pandas, fsw.model().linearise, fsw.model().to_do_mpc):
+    for convert in (weld.to_pandas, weld.to_xarray, fsw.model().linearise, fsw.model().to_do_mpc):
         with pytest.raises(ImportError, match=r"'fsw-control\[science\]'"):
             convert()
 
@@ -314,8 +315,9 @@ def test_parameters_in_a_comparison_are_by_label():
             fsw.compare("quick", ["decentral"], parameters=wrong)
 
 
-def test_figures_of_merit_are_attributes_too():
+def test_figures_of_merit_are_typed():
     kpi = fsw.simulate("quick").kpi
+    assert set(fsw.Kpi.__annotations__) == set(kpi)
     assert kpi.iae_depth_mm_s == kpi["iae_depth_mm_s"] and "iae_depth_mm_s" in dir(kpi)
     assert json.loads(json.dumps(kpi)) == kpi
     with pytest.raises(AttributeError, match="iae_depth_mm_s"):

@@ -113,6 +113,32 @@ class Kpi(dict[str, Any]):
     ...
     """
 
+    label: str
+    controllers: list[str]
+    outputs: str
+    duration_s: float
+    ticks: int
+    ticks_without_output: int
+    ticks_without_command: int
+    iae_depth_mm_s: float | None
+    iae_temperature_c_s: float | None
+    ise_depth_mm2_s: float | None
+    ise_temperature_c2_s: float | None
+    in_dead_band_depth_share: float | None
+    in_dead_band_temperature_share: float | None
+    total_variation_force_kn: float | None
+    total_variation_speed_rpm: float | None
+    overshoot_depth_mm: float | None
+    overshoot_temperature_c: float | None
+    longest_settling_s: float | None
+    steps_not_settled: float | None
+    peak_temperature_in_depth_step_up_c: float | None
+    peak_temperature_in_depth_step_down_c: float | None
+    peak_depth_in_temperature_step_mm: float | None
+    peak_temperature_after_depth_disturbance_c: float | None
+    peak_depth_after_temperature_disturbance_mm: float | None
+    events: list[dict[str, Any]]
+
     def __getattr__(self, name: str) -> Any:
         if name in self:
             return self[name]

@@ -44,6 +44,7 @@ class WriterOptions:
     """How a bag is written: the recorder's parameters of the same names (``parameters.py``)."""
 
     compression: str = ""
+    max_bag_size: int = 0  # bytes
     max_bag_duration: float = 0.0  # s
     chunk_period: float = 0.4  # s; after that messages survive kill -9
     sync_period: float = 1.0  # s
@@ -285,6 +286,8 @@ class _Files:
                 f"{self._folder}: the bag folder was moved or deleted while recording; "
                 "recording ends here. A moved folder holds a readable bag"
             )
+        if self._options.max_bag_size and file.committed.size_bytes >= self._options.max_bag_size:
+            self.split()
 
     def sync(self) -> None:
         """Flush committed data to disk when due."""

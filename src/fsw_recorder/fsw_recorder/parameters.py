@@ -39,9 +39,14 @@ class RecorderParameters(NodeParameters):
     """Queue depth of each subscription while the recorder is busy."""
     compression: Annotated[Literal["", "zstd"], AT_START] = ""
     """Compression of the chunks."""
+    max_bag_size: Annotated[Whole, Range(0, 1000000000000000, "bytes"), AT_START] = 0
+    """Begin a new file beyond this size; 0: never."""
     max_bag_duration: Annotated[float, Range(0.0, 1000000.0, "s"), AT_START] = 3600.0
     """Begin a new file after this time; 0: never. Until then, a file's index is in memory: 20 MB
     per hour."""
+    chunk_period: Annotated[float, Range(0.01, 1.0, "s"), AT_START] = 0.4
+    """Maximum interval at which messages are passed to the operating system; after that they
+    survive kill -9."""
     sync_period: Annotated[float, Range(0.0, 3600.0, "s"), AT_START] = 1.0
     """Interval at which data is flushed to the disk, so that it survives a power failure; 0: only
     at the end of a file."""
@@ -110,5 +115,7 @@ class ReplayParameters(NodeParameters):
     subscribers."""
     wait_settle: Annotated[float, Range(0.0, 60.0, "s"), AT_START] = 1.0
     """Time for the discovery of subscribers before the first message."""
+    wait_timeout: Annotated[float, Range(0.0, 86400.0, "s"), AT_START] = 30.0
+    """Maximum time to wait for subscribers; after that playback begins with a warning."""
     exit_at_end: Annotated[bool, AT_START] = True
     """Exit after the last message; otherwise wait for ~/seek."""

@@ -155,11 +155,7 @@ class RecorderNode(ManagedNode):
         ]
         custom = custom_entries(values["custom_data"])
         options = WriterOptions(
-            **{
-                item.name: values[item.name]
-                for item in fields(WriterOptions)
-                if item.name in values
-            }
+            **{field.name: values[field.name] for field in fields(WriterOptions)}
         )
         requested = folder = output_folder(values["output"], datetime.now())
         if values["number_if_taken"] or not values["output"] or self._recorded:

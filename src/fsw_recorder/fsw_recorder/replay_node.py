@@ -47,8 +47,6 @@ from fsw_recorder.weld_clock import on_weld_clock
 _PERIOD_S = 0.002
 #: longest pause of this process that is made up for at once
 _STALL_NS = 50_000_000
-#: maximum time to wait for subscribers; after that playback begins with a warning
-_WAIT_S = 30.0
 #: time limit for the delivery of the last messages
 _DELIVERY_S = 2.0
 
@@ -110,7 +108,7 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
         self._wait_for: list[str] = [name for name in values["wait_for"] if name]
         now = time.monotonic()
         self._settled_at = now + values["wait_settle"]
-        self._waits_until = now + max(_WAIT_S, values["wait_settle"])
+        self._waits_until = now + max(values["wait_timeout"], values["wait_settle"])
         self._playing = False
         self._make_services()
         self.create_timer(_PERIOD_S, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))

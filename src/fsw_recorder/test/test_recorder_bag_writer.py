@@ -154,7 +154,9 @@ def test_looks_like_a_genuine_bag(tmp_path: Path, genuine: Path) -> None:
     )
 
 
-def test_split_by_duration_and_request(tmp_path: Path) -> None:
+def test_split_by_size_duration_and_request(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "size", WriterOptions(max_bag_size=5000)) as writer:
+        fill(writer, 1000, in_chunk=10)
     with BagWriter(tmp_path / "time", WriterOptions(max_bag_duration=0.1)) as writer:
         fill(writer, 1000)
     with BagWriter(tmp_path / "asked") as writer:
@@ -163,7 +165,7 @@ def test_split_by_duration_and_request(tmp_path: Path) -> None:
         fill(writer, 10, first=10)
         writer.split()
         writer.split()
-    for name, least in (("time", 9), ("asked", 2)):
+    for name, least in (("size", 3), ("time", 9), ("asked", 2)):
         bag = tmp_path / name
         files = sorted(bag.glob("*.mcap"))
         assert len(files) >= least

@@ -437,7 +437,7 @@ def test_a_bag_that_exists_ends_the_start_with_one_line(graph: Any, tmp_path: Pa
     ("parameters", "text"),
     [
         (["output:=b", "scenario:=missing.yaml"], "missing.yaml"),
-        (["output:=c", "queue_depth:=0"], "queue_depth"),
+        (["output:=c", "chunk_period:=7.0"], "chunk_period"),
     ],
 )
 def test_bad_parameters_are_one_line(
