@@ -44,6 +44,12 @@ def _open_files() -> int:
     return len(os.listdir("/proc/self/fd"))
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """A worker that has died ends the run: with another in its place xdist may wait for ever."""
+    if getattr(config.option, "maxworkerrestart", "") is None:
+        config.option.maxworkerrestart = "0"
+
+
 def pytest_collection_finish() -> None:
     """What was imported and collected stays: the collector, which comes after every file, need not visit it again."""
     gc.collect()

@@ -55,16 +55,6 @@ events:
   - {at_s: 5.0, command: {speed_rpm: 420.0}}
   - {at_s: 10.0, command: {force_kn: 78.4, speed_rpm: 407.6}}
 """
-ALONE = """
-name: alone
-duration_s: 25.0
-controller: nmpc
-plant: {seed: 5}
-events:
-  - {at_s: 1.0, reference: {depth_mm: 2.72}}
-  - {at_s: 5.0, fault: {sensor: thermocouple, kind: nan, duration_s: 6.0}}
-  - {at_s: 13.0, fault: {sensor: depth, kind: dropout, duration_s: 0.2}}
-"""
 WELD = """
 name: short_weld
 controller: decentral
@@ -81,28 +71,11 @@ events:
   - {at_deg: 3.0, switch: nmpc}  # on the joint line, and back
   - {at_deg: 4.0, switch: decentral}
 """
-HEAT = """
-name: short_weld_in_heat
-controller: decentral
-announced: true
-plant:
-  process: canister
-  start: {temperature_c: 795.0}
-  canister: {lid_mm: 0.0, probe_radius_mm: 25.0, shoulder_share: 0.2, element_mm: 12.5, modes: 53}
-phases:
-  - {name: dwell, duration_s: 60.0, until_c: 803.0, set_points: [{temperature_c: 804.4}]}
-  - {name: start, to_deg: 1.0, set_points: [{at_s: 1.0, depth_mm: 2.7}]}
-  - {name: downward, to_deg: 2.0, length_mm: 12.0, set_points: [{at_s: 0.5, temperature_c: 809.4, over_s: 5.0}]}
-  - {name: joint_line, to_deg: 3.0, set_points: [{at_s: 3.0, depth_mm: 2.66}]}
-events:
-  - {at_s: 61.0, disturbance: {channel: torque, shape: ramp, amplitude_nm: 10.0, duration_s: 30.0}}
-  - {at_deg: 2.2, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
-  - {at_s: 78.0, switch: nmpc}
-"""
 #: with the heat of a profile; the dwell ends early, in its ramp: the plan and the set-points move
 KNOWN = """
 name: short_weld_with_known_heat
 controller: nmpc
+announced: true
 plant:
   seed: 8
   process: canister
@@ -110,7 +83,10 @@ plant:
   canister: {lid_mm: 0.0, probe_radius_mm: 25.0, shoulder_share: 0.2, element_mm: 12.5, modes: 53}
 phases:
   - {name: dwell, duration_s: 60.0, until_c: 803.0, set_points: [{temperature_c: 804.4, over_s: 25.0}]}
-  - {name: start, to_deg: 2.0, length_mm: 20.0}
+  - {name: start, to_deg: 2.0, length_mm: 20.0, set_points: [{at_s: 1.0, depth_mm: 2.7}]}
+events:
+  - {at_s: 61.0, disturbance: {channel: torque, shape: ramp, amplitude_nm: 10.0, duration_s: 30.0}}
+  - {at_deg: 0.6, disturbance: {channel: depth, shape: step, amplitude_mm: 0.05}}
 """
 PROFILE = HeatProfile(
     type="short_weld",
@@ -144,9 +120,7 @@ TRUTH = (
     [
         pytest.param(CLOSED, id="closed"),
         pytest.param(OPEN, id="open", marks=pytest.mark.full),
-        pytest.param(ALONE, id="alone", marks=pytest.mark.full),
         pytest.param(WELD, id="weld", marks=pytest.mark.full),
-        pytest.param(HEAT, id="heat", marks=pytest.mark.full),
         pytest.param(KNOWN, id="known heat"),
     ],
 )

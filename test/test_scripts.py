@@ -59,6 +59,27 @@ def test_help_lists_the_parameters_and_wrong_names_are_refused(script, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
+def test_a_test_that_holds_the_interpreters_lock_for_ever_ends_the_run(tmp_path):
+    """As Fast DDS does: the run ends, and says which test and where. With workers in place of dead ones xdist waits."""
+    ends = "import ctypes\n\ndef test_{0}(): pass\n\ndef test_stuck(): ctypes.PyDLL(None).sleep({1})\n"
+    for name, stuck_s in (("first", 0), ("last", 600)):
+        (tmp_path / f"test_{name}.py").write_text(ends.format(name, stuck_s))
+    project = SCRIPTS.parent
+    options = ["-c", project / "pyproject.toml", "-p", "conftest", "-o", "faulthandler_timeout=2"]
+    workers = ["-n", "2", "--dist", "loadfile", "--no-loadscope-reorder"]
+    ended = subprocess.run(
+        [sys.executable, "-m", "pytest", "--rootdir", tmp_path, *options, *workers, tmp_path],
+        env={**os.environ, "PYTHONPATH": str(project)},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert ended.returncode == 1
+    assert "crashed while running 'test_last.py::test_stuck'" in ended.stdout
+    assert 'test_last.py", line 5 in test_stuck' in ended.stderr
+
+
 def test_lines_are_counted_now_and_at_another_revision():
     ran = run("count_lines", "HEAD")
     assert ran.returncode == 0 and ran.stderr == ""

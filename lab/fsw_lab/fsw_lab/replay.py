@@ -24,6 +24,7 @@ from fsw_analysis.signals import FIELDS, HELD, PLANNED, SENT, read_set_points, r
 from fsw_analysis.weld_signals import SIMULATED_NS, experiment_time_s
 from fsw_control.common_parameters import hosted
 from fsw_control.contract import Command, Controller, Proposal, Reference
+from fsw_control.heat_plan import PlanInForce
 from fsw_control.host import NO_SET_POINT, answer
 from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.parameters import ParameterModel, describe, validate
@@ -294,16 +295,16 @@ class _Sent(Generic[Entry]):
         )
 
 
-def _read_plans(messages: WeldMessages) -> list[tuple[int, ReferencePlan]]:
-    """Plans that announced set-points, with their receive time [ns], in that order; without those that are refused."""
-    plans: list[tuple[int, ReferencePlan]] = []
+def _read_plans(messages: WeldMessages) -> list[tuple[int, tuple[int, ReferencePlan]]]:
+    """Plans that announced set-points, with receive time and stamp [ns], in that order; without those that are refused."""
+    plans: list[tuple[int, tuple[int, ReferencePlan]]] = []
     for log_ns, _, plan in messages.decoded(PLANNED):
         points = [
             (stamp_of(goal), Reference(mm_from_m(goal.depth), float(goal.temperature)))
             for goal in getattr(plan, "references", ())
         ]
         if all(before < after for (before, _), (after, _) in pairwise(points)):
-            plans.append((log_ns, ReferencePlan(points)))
+            plans.append((log_ns, (stamp_of(plan), ReferencePlan(points))))
     return plans
 
 
@@ -449,13 +450,15 @@ class _Inputs:
         waiting: deque[tuple[int, Reference | None]] = deque(references)
         plans, commands = deque(self._plans), deque(self._commands)
         reference: Reference | None = None
-        plan, last_ns = ReferencePlan(), None
+        in_force, last_ns = PlanInForce(ReferencePlan()), None
         proposals: list[Proposal] = []
         for stamp_ns, came_ns, answer_sent in zip(
             stamps, self.came.tolist(), self._answers, strict=False
         ):
             reference = _latest(waiting, stamp_ns, reference)
-            plan = _latest(plans, came_ns, plan)
+            while plans and plans[0][0] <= came_ns:
+                in_force.receive(*plans.popleft()[1])
+            plan = in_force.at(stamp_ns)
             while commands and commands[0][0] < stamp_ns and not commands[0][1].after(answer_sent):
                 applied = commands.popleft()[1].value
             if last_ns is not None and not 0 < stamp_ns - last_ns <= JUMP_NS:

@@ -110,11 +110,10 @@ class Tape:
             temperature=reference.temperature_c,
         )
 
-    def announce(self, coming: Reference, at_ns: int) -> Coming:
+    def announce(self, coming: Reference, at_ns: int) -> None:
         depth_m, temperature_c = m_from_mm(coming.depth_mm), coming.temperature_c
         message = {"header": header(at_ns), "depth": depth_m, "temperature": temperature_c}
         self.put("/fsw/reference_plan", references=[message])
-        return Coming(at_ns / 1e9, coming.depth_mm, temperature_c)
 
 
 def temperature_at(tick: int) -> float:
@@ -138,8 +137,11 @@ def followed(
         reference = OTHER
     if stated and tick in (0, 31):
         tape.put_reference(reference, "/fsw/simple/reference")
+    if announced and tick == 19:  # before its samples; the plan holds after them
+        tape.announce(OTHER, tape.stamp + 21 * TICK_NS)
     if announced and tick == 20:
-        reference = replace(reference, coming=(tape.announce(OTHER, tape.stamp + 20 * TICK_NS),))
+        at_s = (tape.stamp + 20 * TICK_NS) / 1e9
+        reference = replace(reference, coming=(Coming(at_s, OTHER.depth_mm, OTHER.temperature_c),))
     if announced and tick == 40:  # it does not come true
         reference = replace(reference, coming=())
     return reference
@@ -164,7 +166,7 @@ def record(
 
     ``late``: at tick 30 other set-points come "before the samples" of the tick or "before its
     proposal", and the controller follows them from the next tick on; ``stated``: it says which
-    ones it follows. ``announced``: before tick 20 a change at tick 40 is announced.
+    ones it follows. ``announced``: from tick 20 on a change at tick 40 is announced.
     ``late_command_at``, ``late_sample_at``: the command applied before, or the thermocouple's
     sample, comes after the controller has answered this tick.
     """

@@ -18,7 +18,7 @@ from fsw_control.coded import Fact, RefusedError, Worded, several
 from fsw_control.common_parameters import ControllerParameters, hosted
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.deadline_timer_ros import DeadlineTimer
-from fsw_control.heat_plan import SHARE_NAME, HeatPlanProblem, ReceivedHeat
+from fsw_control.heat_plan import SHARE_NAME, HeatPlanProblem, PlanInForce, ReceivedHeat
 from fsw_control.host import answer
 from fsw_control.light_node_ros import LightNode
 from fsw_control.message_synchronizer import SampleSet
@@ -94,7 +94,7 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
         self.controller.reset(initial)
         self._deviations = getattr(self.controller, "plan_deviations", None)
         self.references = reference_queue(self, self._on_bad_reference)
-        self._plan = ReferencePlan()
+        self._plans = PlanInForce(ReferencePlan())
         self._heat = ReceivedHeat(self._on_bad_heat)
         self._heat_state, self._heat_share = "", nan
         self._guard = SensorGuard(sensor_limits(self._settings.values))
@@ -152,9 +152,11 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
 
     def _on_plan(self, message: WeldReferencePlan) -> None:
         try:
-            self._plan = ReferencePlan(convert.reference_plan(message))
+            plan = ReferencePlan(convert.reference_plan(message))
         except RefusedError as error:
             self._on_bad_reference(error.fact)
+        else:
+            self._plans.receive(convert.stamp_ns(message.header.stamp), plan)
 
     def _on_drives(self, message: DriveFeedback) -> None:
         is_first = self._commands_act is None
@@ -223,8 +225,8 @@ class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no typ
             dt_s = (tick.stamp_ns - self._last_ns) / 1e9
         self._last_ns = tick.stamp_ns
         measurement = self._guard.measure(tick.stamp_ns * 1e-9, tick.values, tick.drives)
-        reference = self.references.at(tick.stamp_ns)
-        if reference is not None and (coming := self._plan.after(tick.stamp_ns, reference)):
+        reference, plan = self.references.at(tick.stamp_ns), self._plans.at(tick.stamp_ns)
+        if reference is not None and (coming := plan.after(tick.stamp_ns, reference)):
             reference = replace(reference, coming=coming)
         if reference is not None and (heat := self._heat.at(tick.stamp_ns)):
             reference = replace(reference, heat=heat)

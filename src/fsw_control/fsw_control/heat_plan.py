@@ -1,4 +1,4 @@
-"""Known heat along the coming path, by time, for a controller that looks ahead."""
+"""Known heat along the coming path, by time; which plan is in force at a tick."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from math import isfinite, sqrt
+from typing import Generic, TypeVar
 
 from fsw_control.coded import Worded
 from fsw_control.schema.ranges import Range
@@ -24,6 +25,8 @@ _MOST_COMING = 8
 #: The place reported by the programme and that of the plan may differ by seven seconds of the
 #: paper's traverse: reports are a second apart, and some may be under way (chosen).
 _PLACE_MM = 10.0
+
+Plan = TypeVar("Plan")
 
 
 class HeatPlanProblem(Worded):
@@ -100,14 +103,38 @@ def _falls(values: Sequence[float]) -> bool:
     return any(after < before for before, after in pairwise(values))
 
 
-class ReceivedHeat:
-    """The heat plan in force, of those that others publish.
+class PlanInForce(Generic[Plan]):
+    """The plan in force, of those that others publish; ``present`` until the first.
 
     A plan is in force from the first tick after its stamp, however early it arrives, so that a
-    weld in lockstep does not depend on who is faster. A weld keeps the profile it began with: its
-    plan may be withdrawn and moved in time, as by a hold, but not replaced by one of another
-    profile. As only changes of the heat are used, a plan that is refused, withdrawn or dropped
-    leaves the controller with what it has estimated.
+    weld in lockstep does not depend on who is faster.
+    """
+
+    def __init__(self, present: Plan) -> None:
+        self.present = present
+        #: stamps and plans that wait for their tick, in order of receipt
+        self.coming: deque[tuple[int, Plan]] = deque(maxlen=_MOST_COMING)
+
+    def receive(self, stamp_ns: int, plan: Plan) -> None:
+        """Take a plan that holds after the measurement of that stamp (0: at once)."""
+        self.coming.append((stamp_ns, plan))
+
+    def at(self, tick_ns: int) -> Plan:
+        """Return the plan in force at a tick: the last received of those with an earlier stamp.
+
+        It replaces all received before it, whatever their stamps.
+        """
+        while any(stamp_ns < tick_ns for stamp_ns, _ in self.coming):
+            self.present = self.coming.popleft()[1]
+        return self.present
+
+
+class ReceivedHeat:
+    """The heat plan in force, of those that others publish (:class:`PlanInForce`).
+
+    A weld keeps the profile it began with: its plan may be withdrawn and moved in time, as by a
+    hold, but not replaced by one of another profile. As only changes of the heat are used, a plan
+    that is refused, withdrawn or dropped leaves the controller with what it has estimated.
 
     Parameters
     ----------
@@ -118,8 +145,7 @@ class ReceivedHeat:
     def __init__(self, refuse: Callable[[HeatPlanProblem], object]) -> None:
         self._refuse = refuse
         self._profile, self._begin_s, self._end_s = "", 0.0, 0.0
-        self._coming: deque[tuple[int, HeatPlan | None]] = deque(maxlen=_MOST_COMING)
-        self._plan: HeatPlan | None = None
+        self._plans: PlanInForce[HeatPlan | None] = PlanInForce(None)
 
     def restart(self) -> None:
         """After a weld: the next plan may be of any profile."""
@@ -131,7 +157,7 @@ class ReceivedHeat:
         The next plan may be of any profile.
         """
         self.restart()
-        self._plan = None
+        self._plans.present = None
 
     def receive(self, plan: HeatPlan | None, stamp_ns: int, newest_ns: int | None) -> None:
         """Take a plan, None withdraws; ``newest_ns``: last tick, None before the first."""
@@ -142,7 +168,7 @@ class ReceivedHeat:
                 return
             self._profile = plan.profile
             self._begin_s, self._end_s = plan.at_s[0], plan.at_s[-1]
-        self._coming.append((stamp_ns, plan))
+        self._plans.receive(stamp_ns, plan)
 
     def _untimely(self, plan: HeatPlan, newest_ns: int | None) -> HeatPlanProblem | None:
         if newest_ns is None:
@@ -156,19 +182,14 @@ class ReceivedHeat:
         return None
 
     def at(self, tick_ns: int) -> HeatPlan | None:
-        """Return the plan in force at a tick: the last received of those with an earlier stamp.
-
-        It replaces all received before it, whatever their stamps.
-        """
-        while any(stamp_ns < tick_ns for stamp_ns, _ in self._coming):
-            self._plan = self._coming.popleft()[1]
-        return self._plan
+        """Return the plan in force at a tick."""
+        return self._plans.at(tick_ns)
 
     def follow(self, travelled_mm: float, stamp_ns: int) -> None:
         """Compare with the place that the running programme reports; drop another path's plan."""
-        plan, time_s = self._plan, stamp_ns / NANOSECONDS
+        plan, time_s = self._plans.present, stamp_ns / NANOSECONDS
         if plan is None or not plan.at_s[0] <= time_s <= plan.at_s[-1]:
             return
         if not abs(plan.place(time_s) - travelled_mm) <= _PLACE_MM:
-            self._plan = None
+            self._plans.present = None
             self._refuse(HeatPlanProblem.PLACE)

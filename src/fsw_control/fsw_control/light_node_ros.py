@@ -15,6 +15,7 @@ import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.publisher import Publisher
 from rclpy.signals import SignalHandlerOptions
 
 from fsw_control import fast_dds
@@ -25,6 +26,8 @@ _LONGEST_END_S = 10.0
 #: Longest time to deliver a node's last messages: at load 30, retransmissions of lost packets took
 #: more than 1 s. A subscriber that was killed never acknowledges.
 _LAST_WORDS_S = 5.0
+#: in lockstep, time limit for a delivery on a busy machine, also to a dead node (chosen)
+DELIVERY_S = 2.0
 #: time within which a signal takes effect in a node that only waits
 _LONGEST_WAIT_S = 0.2
 
@@ -78,6 +81,7 @@ class LightNode:
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
+        self._subscribers_receive = True  #: at the last :meth:`await_arrival`
         # Signal handlers of Python run between two waits: this ends each wait.
         make: Callable[..., Any] = self.create_timer  # type: ignore[attr-defined]
         make(_LONGEST_WAIT_S, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -94,13 +98,27 @@ class LightNode:
             options["event_callbacks"] = SubscriptionEventCallbacks(use_default_callbacks=False)
         return super().create_subscription(*arguments, **options)  # type: ignore[misc]
 
-    def has_arrived(self, longest_s: float) -> bool:
-        """Wait until all reliable subscribers have acknowledged; False after ``longest_s``."""
+    def has_arrived(self, longest_s: float, *publishers: Publisher) -> bool:
+        """Wait until all reliable subscribers have acknowledged; False after ``longest_s``.
+
+        By default for all publishers of the node.
+        """
         end_s = time.monotonic() + longest_s
         return all(
             publisher.wait_for_all_acked(Duration(seconds=max(end_s - time.monotonic(), 0.0)))
-            for publisher in self.publishers  # type: ignore[attr-defined]
+            for publisher in publishers or self.publishers  # type: ignore[attr-defined]
         )
+
+    def await_arrival(self, longest_s: float, *publishers: Publisher) -> None:
+        """As :meth:`has_arrived`, for lockstep, in which a recorder must not miss any message.
+
+        A subscriber that is stalled for too long is not awaited again before it has caught up.
+        """
+        awaited = self._subscribers_receive
+        self._subscribers_receive = self.has_arrived(longest_s if awaited else 0.0, *publishers)
+        if awaited and not self._subscribers_receive:
+            text = "a subscriber does not receive; continuing without it"
+            self.get_logger().warning(text)  # type: ignore[attr-defined]
 
     def destroy_node(self) -> None:
         """As ``Node.destroy_node`` after delivery of the last messages, in bounded time."""

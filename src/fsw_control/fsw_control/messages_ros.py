@@ -193,7 +193,7 @@ def reference_plan(message: WeldReferencePlan) -> list[tuple[int, Reference]]:
 def reference_plan_message(
     planned: Sequence[tuple[int, Reference]], time_ns: int
 ) -> WeldReferencePlan:
-    """Message of a plan made at ``time_ns``: set-points, each with its start in ns."""
+    """Message of a plan that holds after ``time_ns``: set-points, each with its start in ns."""
     return WeldReferencePlan(
         header=header(time_ns),
         references=[reference_message(point, begin_ns) for begin_ns, point in planned],

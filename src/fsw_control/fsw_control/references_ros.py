@@ -24,7 +24,7 @@ from fsw_control.ramps import duration_s, ramp, ramp_plan
 from fsw_control.ranges import set_point_problem
 from fsw_control.references import AHEAD_REAL_NS, OTHER_CLOCK_NS, ReferenceQueue, Refused, values
 from fsw_control.reports_ros import OK, WARN, Report, Taken, told
-from fsw_control.topics_ros import LATCHED, LATEST, REPLACED
+from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_control.units import NANOSECONDS
 from fsw_msgs.msg import WeldProgress, WeldReference, WeldReferencePlan
 from fsw_msgs.srv import SetReference
@@ -132,7 +132,7 @@ class StatedReference:
 
     def __init__(self, node: Node, topic: str) -> None:
         self._node = node
-        self._publisher = node.create_publisher(WeldReference, topic, REPLACED)
+        self._publisher = node.create_publisher(WeldReference, topic, LATCHED)
         self._stated: tuple[Reference, int] | None = None
         self._tick_ns = -1
 

@@ -34,9 +34,8 @@ def latched(depth: int) -> QoSProfile:
 
 #: the last message is kept for late joiners
 LATEST = latched(1)
-#: publishers of values that are replaced often and recorded completely
-REPLACED = latched(100)
-#: set-points; as deep as the number that a scenario sends ahead
+#: Publishers of set-points, as deep as the number that a scenario sends ahead, and of values that
+#: are replaced often and recorded completely: a recorder may be stalled.
 LATCHED = latched(1000)
 
 #: What parameters ``qos_overrides.<topic>.publisher.*`` may override on topics that are only

@@ -116,7 +116,7 @@ def test_a_jump_of_time_ends_the_plan_in_force_not_one_that_waits(weld):
 def test_plans_that_never_come_into_force_do_not_pile_up(weld):
     for number in range(100):
         weld.receive(replace(PLAN, type=str(number)), 10**18, 105 * S)
-    assert len(weld._coming) < 10
+    assert len(weld._plans.coming) < 10
     assert weld.at(106 * S) is PLAN
 
 

@@ -67,6 +67,18 @@ def test_the_alarm_of_others_stays() -> None:
         signal.signal(signal.SIGALRM, before)
 
 
+def test_nodes_of_tests_leave_in_time(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left_s: list[float] = []
+    monkeypatch.setattr(
+        Node, "destroy_node", lambda _: left_s.append(signal.getitimer(signal.ITIMER_REAL)[0])
+    )
+    request.getfixturevalue("domain_id")
+    Node.destroy_node(None)
+    assert 0.0 < left_s[0] <= 10.0
+
+
 @pytest.mark.parametrize("shut_down", [False, True])
 def test_last_messages_are_delivered_before_a_node_leaves(
     domain_id: int, monkeypatch: pytest.MonkeyPatch, shut_down: bool

@@ -33,6 +33,7 @@ from fsw_msgs.msg import (
     WeldCommand,
     WeldProgress,
     WeldReference,
+    WeldReferencePlan,
 )
 from fsw_test_support.ros_graph import Spinner
 
@@ -351,6 +352,18 @@ def test_reference_sent_ahead_begins_at_its_tick(start):
     assert [entry[1].depth_mm for entry in peer.controller.seen] == pytest.approx(
         [2.66, 2.66, 2.86, 2.86]
     )
+
+
+def test_announced_set_points_are_known_from_the_tick_after_the_plans_stamp(start):
+    peer = start()
+    plans = peer.peer.create_publisher(WeldReferencePlan, "/fsw/reference_plan", LATEST)
+    peer.refer()
+    planned = [(9 * STEP_NS, Reference(2.86, 850.0))]
+    plans.publish(convert.reference_plan_message(planned, 2 * STEP_NS))
+    peer.until(lambda: peer.node._plans.coming)
+    for k in range(1, 5):
+        peer.tick(k)
+    assert [len(entry[1].coming) for entry in peer.controller.seen] == [0, 0, 1, 1]
 
 
 def test_hundreds_of_references_sent_ahead_all_arrive(start):

@@ -46,8 +46,8 @@ from fsw_plant.watchdog import WatchdogState
 _WATCH_S = 0.2
 _REPORT_S = 1.0
 _READY_POLL_S = 0.02
-#: period, in ticks, of lockstep's wait for slow subscribers: less than any publisher's queue
-#: (``REPLACED``)
+#: period, in ticks, of lockstep's wait for slow subscribers: far less than any publisher's queue
+#: (``SENT``, ``LATCHED``), as the other nodes do not wait
 _ARRIVAL_TICKS = 50
 
 
@@ -94,8 +94,6 @@ class PlantNode(ManagedNode):
     def activate(self) -> None:
         """Ensure that the plant is alone, and start ticking once all peers are present."""
         self._pace = Lockstep()
-        #: whether all subscribers had received everything at the last check
-        self._arrived = True
         self._reported = (self.emulator.watchdog.state, self.emulator.stopped)
         self._stop = StopHolder(self, self._fence.register, self._fence.hear)
         self.create_subscription(WeldCommand, "fsw/command", self._on_command, STREAM)
@@ -261,24 +259,14 @@ class PlantNode(ManagedNode):
         """Begin the next tick of lockstep if nothing is awaited any more."""
         if self._running and self._pace.complete:
             if self.emulator.tick % _ARRIVAL_TICKS == 0:
-                self._await_arrival()
+                self.await_arrival(self._settings["lockstep_timeout_s"])
             self._next_tick()
-
-    def _await_arrival(self) -> None:
-        """Wait until all subscribers have the samples: the recorder must not miss any.
-
-        A subscriber that is stalled for too long is not awaited again before it has caught up.
-        """
-        before = self._arrived
-        self._arrived = self.has_arrived(self._settings["lockstep_timeout_s"] if before else 0.0)
-        if before and not self._arrived:
-            self.get_logger().warning(
-                f"tick {self.emulator.tick}: a subscriber does not receive; continuing without it"
-            )
 
     def _go_on_without_player(self) -> None:
         self._pace.player_present = False
-        self._await_arrival()  # the parent process may end this one now
+        self.await_arrival(
+            self._settings["lockstep_timeout_s"]
+        )  # the parent process may end this one now
         self._go_on()
 
     # ---------------------------------------------------------------- watching

@@ -152,7 +152,7 @@ class SetPoints:
             planned = [
                 (self._time.ns(tick), reference) for tick, reference in stair(self.course.coming)
             ]
-            self._plan.publish(convert.reference_plan_message(planned, self._time.ns(0)))
+            self._plan.publish(convert.reference_plan_message(planned, self._time.stamp_ns))
 
     def announce_heat(self) -> None:
         """Publish the heat along the path from where the programme is now, if it is known.

@@ -19,7 +19,7 @@ from fsw_control.coded import Answer, Fact
 from fsw_control.contract import Reference
 from fsw_control.message_synchronizer import StampFilter
 from fsw_control.schema.files import write_status
-from fsw_control.topics_ros import PLAYER_READY, REPLACED, subscribe_sensors
+from fsw_control.topics_ros import LATCHED, PLAYER_READY, subscribe_sensors
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import WeldProgress
 from fsw_scenario.discovery_ros import Discovery
@@ -101,7 +101,7 @@ class WeldPlayer:
         self._switching = Switching(node, self._permit_step)
         self._unanswered_ns: int | None = None  #: stamp of a depth, in lockstep
         self._ready = (
-            node.create_publisher(Header, PLAYER_READY, REPLACED) if self._simulated else None
+            node.create_publisher(Header, PLAYER_READY, LATCHED) if self._simulated else None
         )
         self._emulator = None if options.from_start else EmulatorEvents(node, scenario)
         self._discovery = Discovery(

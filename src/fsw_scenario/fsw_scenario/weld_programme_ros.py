@@ -17,7 +17,7 @@ from fsw_control.coded import Answer, Fact
 from fsw_control.contract import Reference
 from fsw_control.reason import Reason
 from fsw_control.reports_ros import OK, WARN, log
-from fsw_control.topics_ros import LATEST, REPLACED
+from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_msgs.msg import SupervisorState, WeldProgress
 from fsw_msgs.srv import OperatorRequest, SetMode
 from fsw_scenario.weld_outcome import WeldEnd
@@ -130,7 +130,7 @@ class ProgrammeServer:
         self._stamp_ns = 0
         self._reported: tuple[object, ...] | None = None
         self._ticks_since_report = 0
-        self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", REPLACED)
+        self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", LATCHED)
         self._services = [
             _serve(node, name, ask)
             for name, ask in (("hold", self._hold), ("resume", self._resume))

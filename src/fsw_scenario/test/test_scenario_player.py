@@ -20,7 +20,7 @@ from fsw_control.topics_ros import LATEST, PLAYER_READY
 from fsw_model import nominal
 from fsw_model.heat_profile import HeatProfile, HeatSource, ThermalModel
 from fsw_msgs.action import RunWeld
-from fsw_msgs.msg import HeatPlan, SupervisorState
+from fsw_msgs.msg import HeatPlan, SupervisorState, WeldReferencePlan
 from fsw_msgs.srv import SetMode, SwitchController
 from fsw_scenario.discovery_ros import Discovery
 from fsw_scenario.launcher import ABORTED
@@ -69,11 +69,15 @@ def heat_profile():
 def test_known_heat_is_announced_withdrawn_by_a_hold_and_comes_back_later(tmp_path):
     """The path resumes later, by the time that the tool stood."""
     phases = [*WELD["phases"], {"name": "start", "to_deg": 3.0, "length_mm": 30.0}]
-    (tmp_path / "weld.yaml").write_text(yaml.safe_dump(WELD | {"phases": phases}))
+    weld = WELD | {"phases": phases, "announced": True}
+    (tmp_path / "weld.yaml").write_text(yaml.safe_dump(weld))
     (tmp_path / "heat.yaml").write_text(heat_profile().text)
     graph = PlayerGraph(str(tmp_path / "weld.yaml"), f"heat_file:={tmp_path / 'heat.yaml'}")
-    plans = []
+    plans, announced = [], []
     graph.peer.create_subscription(HeatPlan, "fsw/heat_plan", plans.append, LATEST)
+    graph.peer.create_subscription(
+        WeldReferencePlan, "fsw/reference_plan", announced.append, LATEST
+    )
     try:
         graph.tick()
         graph.until(lambda: len(plans) == 1)
@@ -87,10 +91,11 @@ def test_known_heat_is_announced_withdrawn_by_a_hold_and_comes_back_later(tmp_pa
         for _ in range(3):
             graph.tick()
         graph.ask("resume")
-        graph.until(lambda: len(plans) == 3)
+        graph.until(lambda: len(plans) == 3 and len(announced) == 3)
         later = convert.heat_plan(plans[2])
         assert later.at_s[0] - begun.at_s[0] == pytest.approx(0.3, abs=1e-3)
-        assert convert.stamp_ns(plans[2].header.stamp) == graph.weld.time.stamp_ns
+        for plan in (plans[2], announced[2]):
+            assert convert.stamp_ns(plan.header.stamp) == graph.weld.time.stamp_ns
     finally:
         graph.end()
 

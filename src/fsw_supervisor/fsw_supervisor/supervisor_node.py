@@ -13,7 +13,7 @@ from rclpy.publisher import Publisher
 from fsw_control import messages_ros as convert
 from fsw_control.cause import Cause
 from fsw_control.deadline_timer_ros import DeadlineTimer
-from fsw_control.light_node_ros import LightNode
+from fsw_control.light_node_ros import DELIVERY_S, LightNode
 from fsw_control.node_main_ros import main_of
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.ranges import beyond_trip
@@ -213,6 +213,8 @@ class SupervisorNode(LightNode, Node):
             else:
                 self.get_logger().debug(text)
         if self._states is not None and self._role is Role.ACTIVE:
+            if self._arbiter.lockstep:  # else the state before this one might be lost
+                self.await_arrival(DELIVERY_S, self._states)
             now, signature = self.get_clock().now().to_msg(), self._failover.signature
             self._states.publish(reports.state(self._arbiter, now, signature))
 

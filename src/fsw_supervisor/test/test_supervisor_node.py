@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest.mock import create_autospec
+
 import pytest
 
 rclpy = pytest.importorskip("rclpy")
@@ -9,12 +11,14 @@ rclpy = pytest.importorskip("rclpy")
 from builtin_interfaces.msg import Duration  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rclpy.node import Node  # noqa: E402
+from rclpy.publisher import Publisher  # noqa: E402
 from sensor_msgs.msg import Temperature  # noqa: E402
 
 from fsw_control import messages_ros as convert  # noqa: E402
 from fsw_control.cause import Cause  # noqa: E402
 from fsw_control.contract import Command  # noqa: E402
 from fsw_control.fence import Fence  # noqa: E402
+from fsw_control.light_node_ros import DELIVERY_S  # noqa: E402
 from fsw_control.reason import Reason, ReasonCode  # noqa: E402
 from fsw_control.topics_ros import LATEST  # noqa: E402
 from fsw_msgs.msg import (  # noqa: E402
@@ -225,6 +229,25 @@ def test_the_state_is_latched_for_those_who_come_later(bench):
     bench.peer.create_subscription(SupervisorState, "fsw/supervisor/state", late.append, LATEST)
     bench.until(lambda: late)
     assert late[0].applied.source == "decentral"
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_in_lockstep_a_state_waits_until_the_one_before_has_arrived(bench, lockstep):
+    """Of its publisher only the last is kept: a recorder on a busy machine would miss a state."""
+    bench.run()
+    supervisor, kept = bench.supervisor, bench.supervisor._states
+    supervisor._arbiter.lockstep = lockstep
+    supervisor._states = states = create_autospec(Publisher, instance=True)
+    states.wait_for_all_acked.side_effect = [True, False, False]  # then a subscriber is stalled
+    try:
+        for _ in range(3):
+            supervisor._report_changes()
+    finally:
+        supervisor._states = kept
+    names = ["wait_for_all_acked", "publish"] if lockstep else ["publish"]
+    assert [made[0] for made in states.method_calls] == 3 * names
+    waits_s = [made.args[0].nanoseconds / 1e9 for made in states.wait_for_all_acked.mock_calls]
+    assert waits_s == pytest.approx([DELIVERY_S, DELIVERY_S, 0.0] if lockstep else [], abs=0.1)
 
 
 def test_switches_by_service_and_says_what_happened(bench):

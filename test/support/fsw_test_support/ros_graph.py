@@ -4,21 +4,35 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from functools import wraps
 from typing import Any
 
 import pytest
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 
 from fsw_control.free_domain import free_domain
+from fsw_control.light_node_ros import ends_in_time
 from fsw_test_support.waiting import PATIENCE_S
 
 
 @pytest.fixture
 def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A ROS domain that no other test on this machine uses now; set for this process and those that it starts."""
+    """A ROS domain that no other test on this machine uses now; set for this process and those that it starts.
+
+    Nodes of this process leave it in time, or the process ends: the middleware may spin for ever.
+    """
+    destroy_node = Node.destroy_node
+
+    @wraps(destroy_node)
+    def destroy_in_time(node: Node) -> None:
+        with ends_in_time():
+            destroy_node(node)
+
     with free_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        monkeypatch.setattr(Node, "destroy_node", destroy_in_time)
         yield domain
 
 
