@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from fsw_control.schema.extensions import extensions, loaded
+from fsw_test_support import set_up
 
 WORKSPACE = Path(__file__).resolve().parents[1]
 #: what each distribution may use, from its folder
@@ -100,18 +101,8 @@ def of_setup(folder: str) -> dict[str, dict[str, str]]:
     """Entry points of our groups by the packages' setup.py, each of which registers what it has itself."""
     groups: dict[str, dict[str, str]] = {}
     for file in (WORKSPACE / folder).glob("*/setup.py"):
-        calls = [
-            node
-            for node in ast.walk(ast.parse(file.read_text("utf-8")))
-            if isinstance(node, ast.Call)
-        ]
-        [call] = [node for node in calls if getattr(node.func, "id", "") == "setup"]
-        points = next(
-            (ast.literal_eval(word.value) for word in call.keywords if word.arg == "entry_points"),
-            {},
-        )
-        for group in points.keys() - {"console_scripts"}:
-            for name, value in (map(str.strip, point.split("=")) for point in points[group]):
+        for group in set_up.arguments(file.parent)["entry_points"].keys() - {"console_scripts"}:
+            for name, value in set_up.entry_points(file.parent, group).items():
                 assert re.split("[.:]", value)[0] == file.parent.name
                 assert groups.setdefault(group, {}).setdefault(name, value) == value
     return groups

@@ -27,7 +27,7 @@ from fsw_recorder.recorder_node import RecorderNode
 from fsw_scenario.scenario_node import ScenarioNode
 from fsw_scenario.weld_programme_ros import NoProgramme
 from fsw_supervisor.supervisor_node import SupervisorNode
-from fsw_test_support import doc_blocks
+from fsw_test_support import doc_blocks, set_up
 from fsw_test_support.launch_modules import LAUNCH_FILE, launching
 
 WORKSPACE = doc_blocks.WORKSPACE
@@ -225,11 +225,10 @@ def test_a_wrong_command_would_be_found(text, refusal):
 
 def has_program(package, executable):
     """Whether a package of the workspace installs a program."""
-    scripts = [
-        path.read_text("utf-8").partition('"console_scripts"')[2].partition("]")[0]
+    return any(
+        executable in set_up.entry_points(path.parent, "console_scripts")
         for path in WORKSPACE.glob(f"*/{package}/setup.py")
-    ]
-    return any(f'"{executable} = ' in text for text in scripts)
+    )
 
 
 def required():

@@ -1,17 +1,7 @@
-from setuptools import find_packages, setup
+"""Ament package fsw_export."""
 
-package_name = "fsw_export"
+import runpy
+from pathlib import Path
 
-setup(
-    name=package_name,
-    version="0.3.0",
-    packages=find_packages(exclude=["test"]),
-    package_data={
-        package_name: ["py.typed", "targets.json", "c/*", "c/cortex_m7/*", "fmi/*", "templates/*"]
-    },
-    data_files=[
-        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
-        ("share/" + package_name, ["package.xml"]),
-    ],
-    extras_require={"test": ["pytest"]},
-)
+COMMON = runpy.run_path(str(Path(__file__).resolve().parents[2] / "scripts/_ament_package.py"))
+COMMON["set_up"](__file__, data=["targets.json", "c/*", "c/cortex_m7/*", "fmi/*", "templates/*"])

@@ -1,21 +1,7 @@
-from setuptools import find_packages, setup
+"""Ament package fsw_control."""
 
-package_name = "fsw_control"
+import runpy
+from pathlib import Path
 
-setup(
-    name=package_name,
-    version="0.3.0",
-    packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["*.xml", "py.typed"]},
-    data_files=[
-        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
-        ("share/" + package_name, ["package.xml"]),
-    ],
-    extras_require={"test": ["pytest"]},
-    entry_points={
-        "fsw.schemas": [
-            "footprint = fsw_control.depth_footprint:Footprint",
-            "parameters-controller = fsw_control.common_parameters:ControllerParameters",
-        ]
-    },
-)
+COMMON = runpy.run_path(str(Path(__file__).resolve().parents[2] / "scripts/_ament_package.py"))
+COMMON["set_up"](__file__, data=["*.xml"])

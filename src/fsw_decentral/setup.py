@@ -1,31 +1,7 @@
-import sys
+"""Ament package fsw_decentral."""
+
+import runpy
 from pathlib import Path
 
-from setuptools import Extension, find_packages, setup
-
-package_name = "fsw_decentral"
-sys.path.append(
-    str(Path(__file__).resolve().parents[1] / "fsw_control")
-)  # in the workspace; elsewhere it is installed
-from fsw_control.c_library import CLibrary  # noqa: E402
-
-setup(
-    name=package_name,
-    version="0.3.0",
-    packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["*.yaml", "py.typed", "kernel/*.c", "kernel/*.h"]},
-    ext_modules=[Extension(**CLibrary(package_name, Path(package_name, "kernel")).extension())],
-    data_files=[
-        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
-        ("share/" + package_name, ["package.xml"]),
-    ],
-    extras_require={"test": ["pytest"]},
-    entry_points={
-        "console_scripts": [
-            "decentral = fsw_control.schema.entry:fsw_decentral.decentral_node.main"
-        ],
-        "fsw.nodes": ["decentral = fsw_decentral.decentral_node:main"],
-        "fsw.schemas": ["parameters-decentral = fsw_decentral.parameters:DecentralParameters"],
-        "fsw.controllers": ["decentral = fsw_decentral:DecentralController"],
-    },
-)
+COMMON = runpy.run_path(str(Path(__file__).resolve().parents[2] / "scripts/_ament_package.py"))
+COMMON["set_up"](__file__, data=["*.yaml"], kernel=True)

@@ -1,23 +1,7 @@
-from setuptools import find_packages, setup
+"""Ament package fsw_machine."""
 
-package_name = "fsw_machine"
+import runpy
+from pathlib import Path
 
-setup(
-    name=package_name,
-    version="0.3.0",
-    packages=find_packages(exclude=["test"]),
-    package_data={package_name: ["*.yaml", "py.typed"]},
-    data_files=[
-        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
-        ("share/" + package_name, ["package.xml"]),
-    ],
-    extras_require={"test": ["pytest"]},
-    entry_points={
-        "console_scripts": ["machine = fsw_control.schema.entry:fsw_machine.machine_node.main"],
-        "fsw.nodes": ["machine = fsw_machine.machine_node:main"],
-        "fsw.schemas": [
-            "machine = fsw_machine.machine_file:MachineFile",
-            "parameters-machine = fsw_machine.parameters:GatewayParameters",
-        ],
-    },
-)
+COMMON = runpy.run_path(str(Path(__file__).resolve().parents[2] / "scripts/_ament_package.py"))
+COMMON["set_up"](__file__, data=["*.yaml"])

@@ -1,24 +1,7 @@
-"""Packaging of fsw_supervisor for colcon."""
+"""Ament package fsw_supervisor."""
 
-from setuptools import setup
+import runpy
+from pathlib import Path
 
-PACKAGE = "fsw_supervisor"
-
-setup(
-    name=PACKAGE,
-    version="0.3.0",
-    packages=[PACKAGE],
-    package_data={PACKAGE: ["py.typed"]},
-    data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
-        (f"share/{PACKAGE}", ["package.xml"]),
-    ],
-    extras_require={"test": ["pytest"]},
-    entry_points={
-        "console_scripts": [
-            "supervisor = fsw_control.schema.entry:fsw_supervisor.supervisor_node.main"
-        ],
-        "fsw.schemas": ["parameters-supervisor = fsw_supervisor.parameters:SupervisorParameters"],
-        "fsw.nodes": ["supervisor = fsw_supervisor.supervisor_node:main"],
-    },
-)
+COMMON = runpy.run_path(str(Path(__file__).resolve().parents[2] / "scripts/_ament_package.py"))
+COMMON["set_up"](__file__)
