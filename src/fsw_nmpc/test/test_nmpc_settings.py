@@ -81,7 +81,7 @@ def test_tuning_file_over_a_preset(tmp_path):
         ("depth_time_s: fast", ("depth_time_s", "float_type"), "'fast'"),
         ("depth_time_s: 0.1", ("depth_time_s", "problem"), "0.2 s"),
         ("blocks: 21", ("blocks", "literal_error"), "20 or 54"),
-        ("trajectory: shortest", ("trajectory", "literal_error"), "approach, constant"),
+        ("trajectory: shortest", ("trajectory", "literal_error"), "'approach', 'constant'"),
         ("estimator: {heat_sigmas: 5}", ("estimator.heat_sigmas", "extra_forbidden"), "known:"),
     ],
 )
