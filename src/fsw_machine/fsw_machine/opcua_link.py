@@ -20,7 +20,6 @@ from fsw_control import weld
 from fsw_control.common_parameters import DriveLimits
 from fsw_machine import certificates
 from fsw_machine.certificates import SecurityError
-from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Order
 from fsw_machine.machine_file import WRITTEN, MachineFile, NodeSpec, Security, User
 from fsw_machine.node_check import (
@@ -33,7 +32,7 @@ from fsw_machine.node_check import (
     raw_value,
 )
 from fsw_machine.parameters import GatewayParameters, Reconnect
-from fsw_machine.samples import CycleRead
+from fsw_machine.samples import CycleRead, CycleTracker
 
 #: time limit of requests while connecting, when a server may be busy with keys [s]
 _CONNECT_TIMEOUT_S = 5.0

@@ -12,12 +12,11 @@ from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Referen
 from fsw_control.heat_plan import HeatPlan
 from fsw_control.parameters import defaults, problem
 from fsw_control.reason import Reason, ReasonCode
-from fsw_nmpc.deviation import output_deviations
+from fsw_nmpc.covariance import Rejoining, output_deviations
 from fsw_nmpc.horizon import horizon_of
 from fsw_nmpc.library import KERNEL, Library, Missing, SolveStatus, tuning_of
 from fsw_nmpc.library import Reason as Fault
 from fsw_nmpc.parameters import NmpcParameters
-from fsw_nmpc.rejoining import Rejoining
 from fsw_nmpc.settings import Settings
 
 #: disturbance estimates in the library's order; depth and temperature are sensor offsets
@@ -133,16 +132,11 @@ class NmpcController:
         began = perf_counter()
         library, m = self.library, measurement
         inputs, outputs = library.input, library.output
-        inputs.depth_mm, inputs.torque_nm = m.depth_mm, m.torque_nm
-        inputs.temperature_c = m.temperature_c
+        library.take(m, reference, applied, dt_s)
         inputs.depth_fresh = m.depth_valid and "depth" not in m.held
         inputs.torque_fresh = m.torque_valid and "torque" not in m.held
         inputs.temperature_fresh = m.temperature_valid and "thermocouple" not in m.held
         inputs.force_kn, inputs.speed_rpm = m.force_kn, m.speed_rpm
-        inputs.applied_force_kn, inputs.applied_speed_rpm = applied.force_kn, applied.speed_rpm
-        inputs.reference_depth_mm = reference.depth_mm
-        inputs.reference_temperature_c = reference.temperature_c
-        inputs.dt_s = dt_s
         coming = reference.coming if self.settings.preview else ()
         inputs.n_changes = min(len(coming), len(inputs.change))
         for change, set_point in zip(inputs.change, coming, strict=False):

@@ -29,9 +29,8 @@ from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.confirmation import Confirmations
 from fsw_supervisor.controller_topics_ros import ControllerTopics
 from fsw_supervisor.failover import Failover, Role
-from fsw_supervisor.leadership_ros import Leadership
 from fsw_supervisor.parameters import SupervisorParameters
-from fsw_supervisor.services_ros import OperatorServices
+from fsw_supervisor.services_ros import Leadership, OperatorServices
 from fsw_supervisor.state_machine import Mode, Standing
 from fsw_supervisor.tick import Decision, ProposalInput
 

@@ -6,8 +6,7 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
-from fsw_control.readiness import Lack
-from fsw_control.reason import Reason, ReasonCode
+from fsw_control.reason import Lack, Reason, ReasonCode
 from fsw_control.reports_ros import OK, WARN
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.reports_ros import diagnostics

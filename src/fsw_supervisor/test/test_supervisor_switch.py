@@ -3,10 +3,9 @@
 import pytest
 
 from fsw_control.cause import Cause
-from fsw_control.command_check import Flaw
+from fsw_control.command_gate import Flaw
 from fsw_control.contract import Command
-from fsw_control.readiness import Lack, Readiness
-from fsw_control.reason import Reason, ReasonCode
+from fsw_control.reason import Lack, Readiness, Reason, ReasonCode
 from fsw_supervisor.facts import Answer, Code, Fact
 from fsw_supervisor.state_machine import Mode
 

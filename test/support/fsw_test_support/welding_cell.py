@@ -14,7 +14,7 @@ from math import isfinite, nan
 from typing import Any
 
 from fsw_control import weld
-from fsw_control.command_check import refusal
+from fsw_control.command_gate import refusal
 from fsw_control.contract import Command
 from fsw_control.fence import Signature
 from fsw_control.sensors import REQUIRED

@@ -324,4 +324,6 @@ def _text(error: ErrorDetails) -> str:
         return str(error["ctx"]["error"])
     if kind in ("problem", "outside", "not_a_number"):
         return text
+    if lacks := error.get("ctx", {}).get("lacks"):  # what a protocol asks for
+        text += f" (it lacks {lacks})"
     return f"is {error['input']!r:.60}: {f'must be {_KINDS[kind]}' if kind in _KINDS else text}"
