@@ -68,12 +68,11 @@ MODULES = {
     ),
     "fsw_control": (
         "command_gate",
-        "command_check",
         "validity",
         "message_synchronizer",
         "references",
     ),
-    "fsw_machine": ("gateway", "cycle", "samples"),
+    "fsw_machine": ("gateway", "samples"),
 }
 #: files with tests of these modules elsewhere than in the package's own test folder
 ELSEWHERE = {"fsw_control": ("src/fsw_plant/test/test_plant_parts.py",)}

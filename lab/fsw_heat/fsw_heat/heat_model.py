@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from fsw_control.schema.models import InputError
 from fsw_heat.copper import TYPICAL, Array, Kirchhoff
 from fsw_plant.canister import CanisterParameters
-from fsw_plant.compact_canister import CanisterTables
 from fsw_plant.library import KERNEL
+from fsw_plant.process import CanisterTables
 
 Complex = NDArray[np.complex128]
 #: number of step matrices (speed, duration) kept

@@ -43,16 +43,16 @@ def test_every_public_name_has_an_example():
             lambda: fsw.identify("bag", drive_lag_s=float("nan")),
             ["drive_lag_s is", "from 0", "not nan"],
         ),
-        (lambda: fsw.tune(["nmpc"]), ["tune: controller", "text", "['nmpc']"]),
+        (lambda: fsw.tune(["nmpc"]), ["tune: controller", "string", "['nmpc']"]),
         (lambda: fsw.tune("decentral:tight", evaluations=0), ["evaluations", "least 1", "not 0"]),
         (
             lambda: fsw.campaign("model_uncertainty", "folder", workers=0),
             ["workers", "least 1", "not 0"],
         ),
-        (lambda: fsw.export_c("decentral", {}), ["export_c: folder", "path", "{}"]),
+        (lambda: fsw.export_c("decentral", {}), ["export_c: folder", "Path", "{}"]),
         (
             lambda: fsw.export_fmu("plant", "x.fmu", platforms="win64"),
-            ["platforms is", "list", "'win64'"],
+            ["platforms is", "Sequence", "'win64'"],
         ),
     ],
 )

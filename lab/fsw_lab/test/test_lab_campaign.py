@@ -28,17 +28,17 @@ def one(path, **entry):
         ),
         ({"welds": 0}, "welds = 0 "),
         ({"welds": -3}, "campaign.yaml: welds = -3 "),
-        ({"welds": 1.5}, "whole number"),
+        ({"welds": 1.5}, "valid integer"),
         ({"scenario": "nothing"}, "scenario nothing"),
         ({"scenario": "open_loop_force_steps"}, "open-loop"),
-        ({"controllers": []}, "controllers needs"),
+        ({"controllers": []}, "controllers is []"),
         ({"controllers": ["nobody"]}, "nobody is"),
         ({"controllers": ["decentral", "decentral"]}, "different label"),
         (
             {"controllers": [{"controller": "decentral", "parameters": {"depth_gian": 1.0}}]},
             "depth_gain",
         ),
-        ({"sampler": "dice"}, "latin_hypercube or sobol"),
+        ({"sampler": "dice"}, "'latin_hypercube' or 'sobol'"),
         (one("plant.factors.copper_lag", uniform=[0.5, 2.0]), "copper_lag_s"),
         (one("plant.factors.copper_lag_s", uniform=[0.01, 2.0]), "outside 0.1 to 10"),
         (one("plant.factors.copper_lag_s", uniform=[2.0, 0.5]), "must be below"),
@@ -46,7 +46,7 @@ def one(path, **entry):
         (one("plant.factors.copper_lag_s", uniform=[1.0, float("nan")]), "finite"),
         (one("plant.factors.copper_lag_s", uniform=[1.0, 2.0], choice=[1.0]), "exactly one of"),
         (one("plant.factors.copper_lag_s", normal={"mean": 1.0}), "lacks deviation"),
-        (one("plant.noise", choice=[]), "choice needs"),
+        (one("plant.noise", choice=[]), "choice is []"),
         (one("plant.noise", choice=[True, 1.0]), "several types"),
         (one("events[9].at_s", uniform=[1.0, 2.0]), "no [9]"),
         (one("events[1].at_s", uniform=[1.0, 10.0]), "events[1] is earlier"),
@@ -69,9 +69,9 @@ def test_bad_campaign_is_one_line_that_says_what(tmp_path, capsys, changes, word
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (b"name: [a", "campaign.yaml, line 1, column 9: "),
+        (b"name: [a", "campaign.yaml, line 2, column 1: "),
         (b"\xff\xfe", "UTF-8"),
-        (b"", "not a mapping"),
+        (b"", "must be a mapping"),
     ],
 )
 def test_unreadable_campaign_is_one_line(tmp_path, capsys, content, words):
@@ -139,7 +139,7 @@ def test_limits_of_a_report_are_data(folder, tmp_path, capsys):
     for text, words in (
         ("- words: a\n  limits: {colour: {max: 1.0}}", "limits.yaml: colour is not a figure"),
         ("- limits: {}", "lacks words"),
-        ("a: 1", "not a list"),
+        ("a: 1", "must be a list"),
         ("[", "not valid YAML"),
     ):
         limits.write_text(text)

@@ -183,7 +183,7 @@ ERRORS = [
     ("nmpc", ["--model", "unknown.yaml"], "gain is an unknown key"),
     ("nmpc", ["--tuning", "missing.yaml"], "cannot read tuning_file missing.yaml"),
     ("nmpc", ["--parameter", "force_min=99"], "force_min (99) must be below force_max"),
-    ("decentral", ["--parameter", "tuning=sharp"], "one of conservative, tight"),
+    ("decentral", ["--parameter", "tuning=sharp"], "'conservative', 'tight'"),
     ("decentral", ["--tuning", "missing.yaml"], "cannot read tuning missing.yaml"),
     ("decentral", ["--tuning", "unknown.yaml"], "unknown parameters gain"),
 ]

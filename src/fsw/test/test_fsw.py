@@ -162,7 +162,7 @@ def test_bad_input_is_one_line_and_a_bad_exit_code(capsys, arguments):
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (None, "a pipe"),
+        (None, "not a regular file"),
         (
             "\n".join(f"a{n}: &a{n} [{f'*a{n - 1}, ' * 9 * (n > 0)}x]" for n in range(9)),
             "than 100000 values",

@@ -282,6 +282,15 @@ class CController:
         """Forget the past."""
         self._reset(self.state, force_kn, speed_rpm)
 
+    def take(self, measurement: Any, reference: Any, applied: Any, dt_s: float) -> None:
+        """Set what every controller gets: samples, set-points, the command in force, the time."""
+        inputs = self.input
+        inputs.depth_mm, inputs.torque_nm = measurement.depth_mm, measurement.torque_nm
+        inputs.temperature_c, inputs.dt_s = measurement.temperature_c, dt_s
+        inputs.reference_depth_mm = reference.depth_mm
+        inputs.reference_temperature_c = reference.temperature_c
+        inputs.applied_force_kn, inputs.applied_speed_rpm = applied
+
     def step(self) -> None:
         """Compute one tick, from ``input`` to ``output``."""
         self._step(self.state, self.input, self.output)

@@ -43,6 +43,23 @@ class DriveLimits(DriveBounds):
     """Maximum change of speed per tick; at the gateway relative to the set-point in force."""
 
 
+class ControllerLimits(NodeParameters):
+    """Bounds of a controller's proposals."""
+
+    force_min: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_MIN_KN
+    """Minimum axial force."""
+    force_max: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_MAX_KN
+    """Maximum axial force."""
+    speed_min: Annotated[float, Range(1.0, 1000.0, "rpm")] = weld.SPEED_MIN_RPM
+    """Minimum spindle speed."""
+    speed_max: Annotated[float, Range(1.0, 1000.0, "rpm")] = weld.SPEED_MAX_RPM
+    """Maximum spindle speed."""
+    force_step: Annotated[float, Range(0.001, 10.0, "kN")] = weld.FORCE_STEP_KN
+    """Maximum change of the axial force per tick."""
+    speed_step: Annotated[float, Range(0.001, 100.0, "rpm")] = weld.SPEED_STEP_RPM
+    """Maximum change of the spindle speed per tick."""
+
+
 class Commands(Model):
     """Which commands plant and gateway accept."""
 

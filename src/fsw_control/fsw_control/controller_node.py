@@ -13,7 +13,6 @@ from rclpy.node import Node
 
 from fsw_control import messages_ros as convert
 from fsw_control import units
-from fsw_control.attainable import attainable_of, out_of_reach
 from fsw_control.coded import Fact, RefusedError, Worded, several
 from fsw_control.common_parameters import ControllerParameters, hosted
 from fsw_control.contract import Command, Controller, Proposal, Reference
@@ -27,6 +26,7 @@ from fsw_control.node_main_ros import run
 from fsw_control.parameters import ParameterModel
 from fsw_control.parameters_ros import ParameterValues, state_contents
 from fsw_control.ramps import ReferencePlan
+from fsw_control.ranges import attainable_of, out_of_reach
 from fsw_control.reason import Reason
 from fsw_control.references_ros import StatedReference, reference_queue, subscribe_references
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report, told

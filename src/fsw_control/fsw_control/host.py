@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from traceback import extract_tb
 
-from fsw_control.command_check import refusal
+from fsw_control.command_gate import refusal
 from fsw_control.contract import Command, Controller, Measurement, Proposal, Reference
 from fsw_control.reason import Reason, ReasonCode
 

@@ -20,8 +20,7 @@ from fsw_control.depth_fusion import DepthEstimate
 from fsw_control.fence import ActuatorState, Signature
 from fsw_control.heat_plan import HeatPlan
 from fsw_control.ranges import Forbidden, set_point_problem
-from fsw_control.readiness import Lack, Readiness
-from fsw_control.reason import Reason
+from fsw_control.reason import Lack, Readiness, Reason
 from fsw_control.sensors import DEPTH, DEPTH_CHANNELS, SENSORS
 from fsw_control.stop import Stop, StopCause
 from fsw_control.units import NANOSECONDS

@@ -30,12 +30,12 @@ class ReasonCode(Coded):
     CAUTION = 12, "adapting with caution: {detail}"  # of earlier versions
     FORCE_HELD = 13, "no valid {sensors}, force held"
     OVERFLOW = 14, "samples beyond all range, loops start again"
-    HORIZON = 15, "another horizon cannot be made: {detail}"
+    HORIZON = 15, "another horizon cannot be made: {detail}"  # of earlier versions
     NOT_FINITE = 16, "{subject} is not finite"
     OUT_OF_RANGE = 17, "{subject} is outside its limits"
     JUMP = 18, "{subject} jumps by more than a move"
     REJOINING = 19, "started in mid-weld: the heat is not known yet"
-    SLEWING = 21, "slewing after a swap"
+    SLEWING = 21, "slewing after a swap"  # of earlier versions
     FOREIGN = 22, "the controller has followed a foreign command"
     INCOMPLETE = 23, "the measurement lacks {sensors}"
     NO_SAMPLES = 24, "only the drives' feedback has arrived, no sensor sample"
@@ -137,3 +137,50 @@ class Reason(NamedTuple):
         if isinstance(output, Reason):
             return output
         return cls(ReasonCode.OTHER, detail=output) if output else cls()
+
+
+class Lack(Coded):
+    """Conditions that prevent a selection; numbered as in ``ControllerHealth.msg``.
+
+    The words are the predicate of a sentence about the controller.
+    """
+
+    NONE = 0
+    UNKNOWN = 1, "is unknown"
+    INHIBITED = 2, "is inhibited: {why}"
+    AMBIGUOUS = 3, "is ambiguous: two controllers of this name propose"
+    UNUSABLE = 4, "is not usable: {why}"
+    LEFT = 5, "has left the graph"
+    WARMING = 6, "is not ready: {good} of {required} good proposals in a row"
+    BLIND = 7, "requires the sensor {sensors}"
+
+    @classmethod
+    def _missing_(cls, value: object) -> Lack:
+        return cls.UNUSABLE
+
+
+class Readiness(NamedTuple):
+    """What a controller lacks: nothing, if it may be selected."""
+
+    lack: Lack = Lack.NONE
+    reason: Reason = Reason()  #: if inhibited or unusable
+    sensors: tuple[str, ...] = ()  #: that it requires, if blind
+    good: int = 0  #: good proposals in a row
+    required: int = 0  #: good proposals in a row for it to be ready
+
+    @property
+    def why(self) -> str:
+        """What it lacks, in words without its name; empty if nothing."""
+        return self.predicate.partition(": ")[2] or self.predicate
+
+    @property
+    def predicate(self) -> str:
+        """The same as the predicate of a sentence about it."""
+        sensors = ", ".join(self.sensors)
+        return self.lack.words.format(
+            why=self.reason.words, sensors=sensors, good=self.good, required=self.required
+        )
+
+    def words(self, name: str) -> str:
+        """What controller ``name`` lacks; empty if nothing."""
+        return "" if self.lack is Lack.NONE else f"{name} {self.predicate}"

@@ -76,21 +76,16 @@ def sensor_limits(values: Mapping[str, Any] | None = None) -> dict[str, SensorLi
     """Limits of all sensors from parameters ``validity.*``, by default of every controller."""
     if values is None:
         values = defaults(ControllerParameters)
-    names = "hold", "frozen_samples", "confirm_samples"
-    hold_s, frozen, confirm = (values[f"validity.{name}"] for name in names)
-    return {
-        sensor: SensorLimits(
-            values[f"validity.{sensor}.minimum"],
-            values[f"validity.{sensor}.maximum"],
-            values[f"validity.{sensor}.max_rate"],
-            *(hold_s, frozen, confirm),
-            # only the supervisor has it: other nodes believe a jump, because an operator cannot
-            # acknowledge there
-            max_jump=values.get(f"validity.{sensor}.max_jump", math.inf),
-            noise=values.get(f"validity.{sensor}.noise", 0.0),  # bags of earlier versions lack it
-        )
-        for sensor in SENSORS
-    }
+    shared = {name: values[f"validity.{name}"] for name in ("frozen_samples", "confirm_samples")}
+    # only the supervisor has max_jump: other nodes believe a jump, because an operator cannot
+    # acknowledge there; bags of earlier versions lack noise
+    names = ("minimum", "maximum", "max_rate", "max_jump", "noise")
+    limits = {}
+    for sensor in SENSORS:
+        keys = {name: f"validity.{sensor}.{name}" for name in names}
+        own = {name: values[key] for name, key in keys.items() if key in values}
+        limits[sensor] = SensorLimits(hold_s=values["validity.hold"], **shared, **own)
+    return limits
 
 
 class Reading(NamedTuple):

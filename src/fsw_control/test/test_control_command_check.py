@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_control.command_check import ROUNDING, Flaw, refusal
+from fsw_control.command_gate import ROUNDING, Flaw, refusal
 from fsw_control.contract import Command, Limits
 
 LIMITS, BEFORE = Limits(), Command(78.4, 407.5)

@@ -88,7 +88,7 @@ def test_files(tmp_path, content, wrong):
 def test_a_pipe_of_parameters_is_refused_before_ros_would_wait_for_it(tmp_path):
     pipe = tmp_path / "parameters.yaml"
     os.mkfifo(pipe)
-    with pytest.raises(InputError, match=r"parameters\.yaml: a pipe"):
+    with pytest.raises(InputError, match=r"parameters\.yaml: not a regular"):
         ARGUMENTS.check(["program", "--ros-args", "--params-file", str(pipe)])
 
 

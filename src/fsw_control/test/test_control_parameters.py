@@ -95,7 +95,7 @@ def test_describes_every_type():
         ({"rate": "1.0"}, ("rate", "1.0")),
         ({"loops.count": 1.5}, ("loops.count", "1.5")),
         ({"loops.count": 6, "loops.gain": 2.0}, ("loops",)),
-        ({"kind": "c"}, ("kind", "c", "a or b")),
+        ({"kind": "c"}, ("kind", "c", "'a' or 'b'")),
         ({"kind": 1}, ("kind", "1")),
         ({"names": "me"}, ("names", "me")),
         ({"names": ["me", 1]}, ("names[1]", "1")),

@@ -9,8 +9,7 @@ import pytest
 
 from fsw_control.cause import Cause, Severity
 from fsw_control.coded import Coded
-from fsw_control.readiness import Lack, Readiness
-from fsw_control.reason import Reason
+from fsw_control.reason import Lack, Readiness, Reason
 
 MESSAGES = Path(__file__).resolve().parents[2] / "fsw_msgs" / "msg"
 

@@ -63,27 +63,33 @@ def test_valid_content_is_accepted():
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("[]", "part.yaml: is [], not a mapping"),
+        ("[]", "part.yaml: is []: must be a mapping"),
         ("{}", "part.yaml: lacks name"),
         ("name:", "part.yaml: lacks name"),
-        ("name: a b", "part.yaml: name is 'a b', not a name (letters, digits, _)"),
-        ("name: 3", "name is 3, not text"),
-        ("{name: a, sound: 1}", "sound is 1, not true or false"),
+        ("name: a b", "part.yaml: name is 'a b': String should match"),
+        ("name: 3", "name is 3: must be a valid string"),
+        ("{name: a, sound: 1}", "sound is 1: must be a valid boolean"),
         ("{name: a, count: yes}", "count is True, not a number (1 to 100 pieces)"),
-        ("{name: a, count: 2.5}", "count is 2.5, not a whole number"),
+        ("{name: a, count: 2.5}", "count is 2.5: must be a valid integer"),
         ("{name: a, count: .nan}", "count = nan is outside 1 to 100 pieces"),
         (f"{{name: a, count: 1{'0' * 400}}}", "count = a huge number is outside 1 to 100 pieces"),
-        ("{name: a, marks: 3}", "marks is 3, not a list"),
-        ("{name: a, marks: [3]}", "marks[0] is 3, not a mapping"),
-        ("{name: a, marks: [{}]}", "marks[0] lacks kind"),
-        ("{name: a, marks: [{kind: wave}]}", "marks[0] has kind 'wave'; one of bump, dent, hole"),
+        ("{name: a, marks: 3}", "marks is 3: must be a list"),
+        ("{name: a, marks: [3]}", "marks[0] is 3: must be a mapping"),
+        ("{name: a, marks: [{}]}", "marks[0] lacks 'kind'"),
+        ("{name: a, marks: [{kind: wave}]}", "expected tags: 'bump', 'dent', 'hole'"),
         ("{name: a, marks: [{kind: bump}]}", "marks[0] lacks height_mm"),
         (
             "{name: a, marks: [{kind: dent, share: .inf}]}",
-            "marks[0].share is inf, not a finite number",
+            "marks[0].share is inf: must be a finite number",
         ),
-        ("{name: a, marks: [{kind: dent, share: true}]}", "marks[0].share is True, not a number"),
-        ("{name: a, marks: [{kind: dent, share: '1'}]}", "marks[0].share is '1', not a number"),
+        (
+            "{name: a, marks: [{kind: dent, share: true}]}",
+            "marks[0].share is True: must be a valid number",
+        ),
+        (
+            "{name: a, marks: [{kind: dent, share: '1'}]}",
+            "marks[0].share is '1': must be a valid number",
+        ),
         (
             "{name: a, marks: [{kind: bump, height_mm: 5}]}",
             "marks[0].height_mm = 5 is outside 1.5 to 4 mm",
@@ -99,7 +105,7 @@ def test_valid_content_is_accepted():
         ("{name: a, marks: [{kind: bump, height_mm: 2, low_mm: 2}]}", "marks[0] is flat"),
         (
             "{name: a, bumps: {x: {kind: dent, height_mm: 2}}}",
-            "bumps.x.kind is 'dent'; one of bump",
+            "bumps.x.kind is 'dent': must be 'bump'",
         ),
         (
             "{name: a, marks: [{kind: bump, height_mm: 2, hight_mm: 2}]}",
@@ -115,7 +121,7 @@ def test_valid_content_is_accepted():
         ),
         (
             "name:\n\ta",
-            "part.yaml, line 2, column 1: not valid YAML: found character '\\t' that cannot start any token",
+            "part.yaml, line 2, column 1: not valid YAML: found character that cannot start any token",
         ),
         ("[" * 900, "part.yaml, line 1, column 51: not valid YAML: nested deeper than 50 levels"),
         (
@@ -126,8 +132,8 @@ def test_valid_content_is_accepted():
             "&a [*a]",
             "part.yaml, line 1, column 5: not valid YAML: alias *a is part of what it stands for",
         ),
-        ("a: [", "part.yaml, line 1, column 5: not valid YAML"),
-        (f"name: {'x y ' * 1000}", "x y, not a name"),
+        ("a: [", "part.yaml, line 2, column 1: not valid YAML"),
+        (f"name: {'x y ' * 1000}", "x y: String should match"),
     ],
 )
 def test_validation_error_is_one_line_with_its_path(text, problem):

@@ -81,19 +81,9 @@ class DecentralController:
     ) -> Proposal:
         """Return the proposal that answers ``measurement``; see ``fsw_control.Controller``."""
         m, inputs, outputs = measurement, self.library.input, self.library.output
-        inputs.depth_mm, inputs.torque_nm, inputs.temperature_c = (
-            m.depth_mm,
-            m.torque_nm,
-            m.temperature_c,
-        )
+        self.library.take(m, reference, applied, dt_s)
         inputs.depth_valid, inputs.torque_valid = m.depth_valid, m.torque_valid
         inputs.temperature_valid = m.temperature_valid
-        inputs.applied_force_kn, inputs.applied_speed_rpm = applied.force_kn, applied.speed_rpm
-        inputs.reference_depth_mm, inputs.reference_temperature_c = (
-            reference.depth_mm,
-            reference.temperature_c,
-        )
-        inputs.dt_s = dt_s
         self.library.step()
         touched = outputs.active_limits
         diagnosis = Diagnosis(

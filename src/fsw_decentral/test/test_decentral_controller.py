@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from fsw_control import Command, Controller, Limits, Measurement, Reference, c_library
 from fsw_control.parameters import describe
 from fsw_control.reason import ReasonCode
+from fsw_control.schema.models import range_of
 from fsw_control.units import KW_PER_NM_RPM
 from fsw_control.weld import DEPTH_MM, FORCE_KN, SPEED_RPM, TEMPERATURE_C, TICK_S
 from fsw_decentral import DecentralController, Gains, tunings
@@ -377,8 +378,7 @@ values = st.fixed_dictionaries(
     {},
     optional={
         "tuning": st.sampled_from(list(tunings())),
-        **{name: st.floats(0.0, 1e3) for name in Gains.model_fields},
-        "predictor_dead_time": st.floats(0.0, 10.0),
+        **{name: st.floats(0.0, range_of(Gains, name).high) for name in Gains.model_fields},
         **{f"{name}_{end}": bounds for name in ("force", "speed") for end in ("min", "max")},
         **{f"{name}_step": st.floats(0.0, 100.0) for name in ("force", "speed")},
         "blind_limit": any_float,
@@ -463,7 +463,7 @@ def test_an_absurd_sample_does_not_pull_for_ever(tuning, sensor, value):
 def test_non_finite_sum_is_not_proposed(sensor, value):
     """A gain times such a sample is infinite, and infinity less infinity is no number."""
     controller = DecentralController()
-    controller.configure({"depth_gain": 1e3, "temperature_gain": 1e3})
+    controller.configure({"depth_gain": 500.0, "temperature_gain": 10.0})
     proposal = controller.step(measured(0, **{sensor: value}), REFERENCE, NOMINAL, 0.1)
     assert (proposal.healthy, proposal.command) == (False, NOMINAL)
     assert controller.step(measured(1), REFERENCE, NOMINAL, 0.1).healthy

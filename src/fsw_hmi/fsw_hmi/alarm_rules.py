@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 from math import inf, nan
 from typing import Any
 
-from fsw_control.attainable import out_of_reach, wants_heat
 from fsw_control.contract import Reference
 from fsw_control.depth_channels import ChannelHealth
-from fsw_control.readiness import Lack, Readiness
+from fsw_control.ranges import out_of_reach, wants_heat
+from fsw_control.reason import Lack, Readiness
 from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_texts import (

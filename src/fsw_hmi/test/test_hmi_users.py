@@ -70,9 +70,9 @@ def test_file_that_others_may_read_is_refused(file, mode):
             ),
             "delete the file and add its users again by 'fsw.py hmi user add'",
         ),
-        (lambda entries: entries[1].update(name=7), "[1].name is 7, not text"),
+        (lambda entries: entries[1].update(name=7), "[1].name is 7: must be a valid string"),
         (lambda entries: entries[1].update(name="ANNA"), "anna and ANNA are one name"),
-        (lambda entries: entries.append("carl"), "[2] is 'carl', not a mapping"),
+        (lambda entries: entries.append("carl"), "[2] is 'carl': must be a mapping"),
         *(
             (lambda entries, one=name: entries[0].update(name=one), "is not a user's name")
             for name in CONFUSING

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 from fsw_control import weld
 from fsw_control.coded import Fact, Worded
-from fsw_control.command_check import refusal
-from fsw_control.command_gate import CommandGate
+from fsw_control.command_gate import CommandGate, refusal
 from fsw_control.contract import Command, Limits
 from fsw_control.depth_footprint import Footprint
 from fsw_control.depth_fusion import DepthEstimate

@@ -38,7 +38,7 @@ _EXTRA = Extra("fsw-control", "machine", ("asyncua",))
 _EXTRA.missing()  # a clone of the repository installs it
 try:
     from fsw_machine import certificates
-    from fsw_machine.link_errors import LinkError
+    from fsw_machine.node_check import LinkError
     from fsw_machine.opcua_link import (
         Connected,
         Event,

@@ -12,7 +12,6 @@ from fsw_control.common_parameters import DriveLimits
 from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_control.validity import sensor_limits
-from fsw_machine.link_errors import LinkError
 from fsw_machine.machine_file import WRITTEN, MachineFile, Quantity
 from fsw_machine.samples import RawValue
 
@@ -34,6 +33,10 @@ _COARSE_MOVES, _COARSE_NOISES = 0.5, 10.0
 #: upper bound of a ROS stamp
 _LAST_NS = 2**31 * NANOSECONDS
 _NUMBERS = {ua.VariantType.Float, ua.VariantType.Double, *WHOLE}
+
+
+class LinkError(RuntimeError):
+    """The server does not match the machine file; the message names the entry and the remedy."""
 
 
 def epoch_ns(when: datetime) -> int:

@@ -20,12 +20,11 @@ from fsw_control import weld
 from fsw_control.common_parameters import DriveLimits
 from fsw_machine import certificates
 from fsw_machine.certificates import SecurityError
-from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Order
-from fsw_machine.link_errors import LinkError, words
 from fsw_machine.machine_file import WRITTEN, MachineFile, NodeSpec, Security, User
 from fsw_machine.node_check import (
     WHOLE,
+    LinkError,
     check_clock,
     check_nodes,
     check_whole_numbers,
@@ -33,7 +32,7 @@ from fsw_machine.node_check import (
     raw_value,
 )
 from fsw_machine.parameters import GatewayParameters, Reconnect
-from fsw_machine.samples import CycleRead
+from fsw_machine.samples import CycleRead, CycleTracker
 
 #: time limit of requests while connecting, when a server may be busy with keys [s]
 _CONNECT_TIMEOUT_S = 5.0
@@ -41,6 +40,11 @@ _CONNECT_TIMEOUT_S = 5.0
 _SESSION_MS = 20_000
 #: time limit for closing the session [s]
 _END_S = 1.0
+
+
+#: beginnings of status codes that concern the user, and our own certificate
+_USER = ("BadUser", "BadIdentityToken")
+_OWN_CERTIFICATE = ("BadCertificate", "BadSecurityChecksFailed", "BadSecurityModeRejected")
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,3 +337,32 @@ def node_id(spec: NodeSpec, namespace: int) -> ua.NodeId:
 def _variant(number: float, kind: ua.VariantType) -> Any:
     """A number in its node's type; the heartbeat wraps around like the cycle counter."""
     return ua.Variant(round(number) if kind in WHOLE else float(number), kind)
+
+
+def words(error: BaseException, machine: MachineFile) -> str:
+    """Text of an error of the connection, in one line."""
+    url = f"endpoint {machine.endpoint}"
+    if isinstance(error, LinkError | SecurityError):
+        return str(error)
+    if isinstance(error, ua.UaStatusCodeError):
+        is_known = type(error) is not ua.UaStatusCodeError
+        name = type(error).__name__ if is_known else f"status {error.code:#010x}"
+        if name.startswith(_USER):
+            if machine.user is None:
+                return f"user: {url} requires a user ({name}); give user.name and its password"
+            source = machine.user.password_file or f"the variable {machine.user.password_env}"
+            user = repr(machine.user.name)
+            return f"user: {url} rejects {user} with the password in {source} ({name})"
+        if name.startswith(_OWN_CERTIFICATE) and machine.security is not None:
+            text = f"{url} does not accept our security.certificate {machine.security.certificate}"
+            return f"{text} ({name}); put it into the server's trust list"
+        if name in ("BadSecurityPolicyRejected", "BadSecurityModeInsufficient"):
+            return f"security: {url} rejects it ({name}); check the server's configuration"
+        return f"{url}: {name}"
+    if machine.security is None and "No matching endpoints" in str(error):
+        return f"security: {url} requires security; give policy, certificate, ..."
+    if isinstance(error, TimeoutError):
+        return f"{url}: no answer in time"
+    if isinstance(error, OSError):
+        return f"{url}: no connection ({error.strerror or error or type(error).__name__})"
+    return f"{url}: {type(error).__name__}: {' '.join(str(error).split())[:200]}"

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fsw_machine.cycle import LEAD_S, NEAR_S, OVERDUE_S, CycleTracker
-from fsw_machine.samples import STEP_NS, Stamps
+from fsw_machine.samples import LEAD_S, NEAR_S, OVERDUE_S, STEP_NS, CycleTracker, Stamps
 
 PERIOD_S, TICK_NS = 0.1, 100_000_000
 

@@ -81,8 +81,8 @@ def test_scale_and_offset_are_undone_when_written(scale, offset, number):
 
 WRONG = [
     ("nodes.depth.unit", None, "missing", ""),
-    ("nodes.depth.unit", "kN", "literal_error", "mm, m or um"),
-    ("nodes.depth.unit", 5, "literal_error", "mm, m or um"),
+    ("nodes.depth.unit", "kN", "literal_error", "'mm', 'm' or 'um'"),
+    ("nodes.depth.unit", 5, "literal_error", "'mm', 'm' or 'um'"),
     ("nodes.depth.node", "Weld.Depth", "value_error", "node id"),
     ("nodes.depth.node", "ns=two;s=Depth", "value_error", "node id"),
     ("nodes.depth.scale", 0, "value_error", "be 0"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fsw_control import Command
-from fsw_control.command_check import Flaw
+from fsw_control.command_gate import Flaw
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.fence import UNKNOWN, Signature
 from fsw_control.sensors import DEPTH_CHANNELS, SENSORS

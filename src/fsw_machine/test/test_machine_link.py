@@ -14,7 +14,6 @@ from asyncua.ua.ua_binary import variant_from_binary, variant_to_binary
 from fsw_control import Command
 from fsw_machine import certificates
 from fsw_machine.certificates import SecurityError
-from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Gateway
 from fsw_machine.machine_file import MachineFile, User
 from fsw_machine.node_check import WHOLE
@@ -29,7 +28,7 @@ from fsw_machine.opcua_link import (
     password,
 )
 from fsw_machine.parameters import Clock, GatewayParameters, Reconnect
-from fsw_machine.samples import CycleRead
+from fsw_machine.samples import CycleRead, CycleTracker
 from fsw_test_support import machine_server
 from fsw_test_support.certificates import make
 from fsw_test_support.machine import Proxy, RunningMachine, free_port, write_machine_file

@@ -7,9 +7,8 @@ import pytest
 from asyncua import ua
 
 from fsw_control.contract import Limits
-from fsw_machine.link_errors import LinkError
 from fsw_machine.machine_file import MachineFile
-from fsw_machine.node_check import check_clock, check_nodes, epoch_ns
+from fsw_machine.node_check import LinkError, check_clock, check_nodes, epoch_ns
 from fsw_machine.opcua_link import node_id
 
 KINDS = {"cycle": "UInt32", "heartbeat": "UInt32", "permissive": "Boolean"}

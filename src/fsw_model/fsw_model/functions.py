@@ -36,18 +36,17 @@ from fsw_model.equations import (
 from fsw_model.parameters import ModelParameters, nominal
 
 
-def output_function(p: ModelParameters) -> ca.Function:
-    """CasADi function (x, force_kn, speed_rpm) -> outputs of the process."""
-    return _outputs(p)
+def output_function(p: ModelParameters, *numbers: ca.SX) -> ca.Function:
+    """CasADi function (x, force_kn, speed_rpm) -> outputs of the process.
 
-
-def _outputs(p: ModelParameters, *more: ca.SX) -> ca.Function:
+    If ``p`` has the entries of a vector of numbers instead of floats, that is a further argument.
+    """
     x = ca.SX.sym("x", N_STATES)
     force, speed = ca.SX.sym("force_kn"), ca.SX.sym("speed_rpm")
     found = equations.outputs(p, x, force, speed)
-    names = ["x", "force_kn", "speed_rpm", *(["numbers"] * len(more))]
+    names = ["x", "force_kn", "speed_rpm", *(["numbers"] * len(numbers))]
     return ca.Function(
-        "process_outputs", [x, force, speed, *more], list(found.values()), names, list(found)
+        "process_outputs", [x, force, speed, *numbers], list(found.values()), names, list(found)
     )
 
 
@@ -175,7 +174,7 @@ def general_functions() -> tuple[ca.Function, ...]:
         "process_step": ([x, warm, *inputs], [x_next, power, depth, mean]),
     }
     made = (ca.Function(name, [*ins, vector], ca.cse(outs)) for name, (ins, outs) in parts.items())
-    return (*made, _outputs(fields, vector))
+    return (*made, output_function(fields, vector))
 
 
 def _stepped(

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite, pi
-from struct import Struct
-from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +18,7 @@ from fsw_model import equations
 from fsw_model.equations import STEP_S
 from fsw_model.parameters import ModelParameters, nominal
 
-Power = tuple[float, float, float, float]
+Power = tuple[float, ...]
 
 _CASADI = Extra("fsw-control", "science", ("casadi",))
 
@@ -110,33 +108,6 @@ class Linearisation:
         )
 
 
-class _Numeric:
-    """A CasADi function of floats, called through its buffers: thread-safe and fast."""
-
-    def __init__(self, function: Any) -> None:
-        self._lock = Lock()  # other threads' plants may use the same buffers
-        self._given, self._result = np.zeros(function.nnz_in()), np.zeros(function.nnz_out())
-        self._target = self._given.data
-        self._put = Struct(
-            f"{function.nnz_in()}d"
-        ).pack_into  # half the time of an assignment to the array
-        self._buffer: Any  # must live as long as the evaluation object
-        self._buffer, self._evaluate = function.buffer()
-        given_ends = np.cumsum([function.nnz_in(i) for i in range(function.n_in())])
-        for i, part in enumerate(np.split(self._given, given_ends[:-1])):
-            self._buffer.set_arg(i, part.data)
-        result_ends = np.cumsum([function.nnz_out(i) for i in range(function.n_out())])
-        for i, part in enumerate(np.split(self._result, result_ends[:-1])):
-            self._buffer.set_res(i, part.data)
-
-    def __call__(self, *values: float) -> list[float]:
-        """Return all results in sequence, from all arguments in sequence."""
-        with self._lock:
-            self._put(self._target, 0, *values)
-            self._evaluate()
-            return self._result.tolist()
-
-
 class ProcessModel:
     """The friction stir welding process, stepped at 10 Hz with inputs held between ticks.
 
@@ -158,10 +129,6 @@ class ProcessModel:
         """The outputs as a CasADi function, see :func:`fsw_model.functions.output_function`."""
         return _functions().output_function(self.parameters)
 
-    @cached_property
-    def _step(self) -> _Numeric:
-        return _Numeric(self.step_function)
-
     def step(self, state: ProcessState, force_kn: float, speed_rpm: float) -> None:
         """Advance ``state`` in place by one step with the inputs held.
 
@@ -172,14 +139,17 @@ class ProcessModel:
             finite; the state is then unchanged.
         """
         power = state.power
-        result = self._step(
-            *state.x, *power[0], *power[1 if self.delay_steps > 1 else 0], force_kn, speed_rpm
+        x, sent_kw, (depth_mm,) = (
+            part.full().ravel().tolist()
+            for part in self.step_function(
+                state.x, power[0], power[1 if self.delay_steps > 1 else 0], force_kn, speed_rpm
+            )
         )
-        if not (result[10] > 0.0 and isfinite(result[6])):  # written so that NaN fails too
-            raise OutsideModelError(result[10], force_kn, speed_rpm)
-        state.x = tuple(result[:6])
+        if not (depth_mm > 0.0 and isfinite(sent_kw[0])):  # written so that NaN fails too
+            raise OutsideModelError(depth_mm, force_kn, speed_rpm)
+        state.x = tuple(x)
         power.popleft()
-        power.append((result[6], result[7], result[8], result[9]))
+        power.append(tuple(sent_kw))
 
     def outputs(self, state: ProcessState, force_kn: float, speed_rpm: float) -> Outputs:
         """Outputs in a state under given inputs."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
@@ -13,12 +12,11 @@ from fsw_control import Command, Diagnosis, Measurement, Plan, Proposal, Referen
 from fsw_control.heat_plan import HeatPlan
 from fsw_control.parameters import defaults, problem
 from fsw_control.reason import Reason, ReasonCode
-from fsw_nmpc.deviation import output_deviations
+from fsw_nmpc.covariance import Rejoining, output_deviations
 from fsw_nmpc.horizon import horizon_of
 from fsw_nmpc.library import KERNEL, Library, Missing, SolveStatus, tuning_of
 from fsw_nmpc.library import Reason as Fault
 from fsw_nmpc.parameters import NmpcParameters
-from fsw_nmpc.rejoining import Rejoining
 from fsw_nmpc.settings import Settings
 
 #: disturbance estimates in the library's order; depth and temperature are sensor offsets
@@ -60,10 +58,8 @@ class NmpcController:
     """NMPC of depth and temperature, a :class:`fsw_control.Controller`.
 
     Estimator, reference trajectories, problem, solver, acceptance, fallback and limits are a C
-    library (``kernel/``); this class only passes data. Every parameter except the model can be
-    changed at runtime, bumplessly. A new horizon is built in the background while the present one
-    stays in use; if that fails, the proposals report why, and the next change of any parameter
-    tries again.
+    library (``kernel/``); this class only passes data. Every parameter except the model and what
+    changes the horizon (``blocks`` of the tuning) can be changed at runtime, bumplessly.
 
     Parameters
     ----------
@@ -81,24 +77,31 @@ class NmpcController:
     tolerated_sensors: tuple[str, ...] = ("depth", "torque", "thermocouple")
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
-        self._log: Callable[[str], object] = lambda _: None
-        self._complain = self._log
         self._values = defaults(self.parameters) | dict(values or {})
         self.settings = Settings.of(self._values)
-        self._maker: threading.Thread | None = None
-        self._made: tuple[Settings, Library | str] | None = None
-        self._failure = ""
-        self._use(self.settings, _make(self.settings))
+        self.library = _make(self.settings)
+        self._time_s = tuple(self.library.horizon.time_s.tolist())
+        lengths_s = self.library.horizon.step_length_s
+        self._middle_s = tuple((np.cumsum(lengths_s) - 0.5 * lengths_s).tolist())
+        self._has_heat = False
         self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
 
     def use_logger(self, logger: Any) -> None:
-        """Log which solver is in use (``info``) and a horizon that cannot be built (``error``)."""
-        self._log, self._complain = logger.info, logger.error
-        self._say_solver()
+        """Log which solver is in use."""
+        blocks = self.settings.tuning.blocks
+        logger.info(f"solver: rti, {blocks} blocks, library {KERNEL.source_id()}")
+
+    def _read(self, values: Mapping[str, Any]) -> Settings:
+        """Settings with these changes."""
+        settings, blocks = Settings.of(self._values | dict(values)), self.settings.tuning.blocks
+        if settings.tuning.blocks != blocks:
+            text = f"{settings.tuning.blocks} blocks of moves instead of {blocks}"
+            raise ValueError(f"{text}: another horizon can be set at start only")
+        return settings
 
     def check(self, values: Mapping[str, Any]) -> str | None:
         """Return why these parameters cannot be used, or None."""
-        return problem(Settings.of, self._values | dict(values))
+        return problem(self._read, values)
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Apply new parameters at runtime; the proposals do not jump.
@@ -108,63 +111,9 @@ class NmpcController:
         ValueError
             If the values cannot be used.
         """
-        merged = self._values | dict(values)
-        new = Settings.of(merged)
-        self._values, self.settings = merged, new
-        self.library.configure(tuning_of(new))
-        self._prepare()
-
-    def _use(self, settings: Settings, library: Library) -> None:
-        self.library, self._blocks = library, settings.tuning.blocks
-        self._time_s = tuple(library.horizon.time_s.tolist())
-        lengths_s = library.horizon.step_length_s
-        self._middle_s = tuple((np.cumsum(lengths_s) - 0.5 * lengths_s).tolist())
-        self._has_heat = False
-        self._say_solver()
-
-    def _say_solver(self) -> None:
-        self._log(f"solver: rti, {self._blocks} blocks, library {KERNEL.source_id()}")
-
-    def _prepare(self) -> None:
-        """Build the horizon of the settings in the background, unless it is in use."""
-        if self._maker is not None:
-            return
-        self._failure = ""
-        if self.settings.tuning.blocks != self._blocks:
-            self._maker = threading.Thread(
-                target=self._make, args=(self.settings,), name="nmpc horizon", daemon=True
-            )
-            self._maker.start()
-
-    def _make(self, settings: Settings) -> None:
-        try:
-            self._made = settings, _make(settings)
-        except Exception as error:
-            self._made = settings, " ".join(f"{error or type(error).__name__}".split())
-
-    def finish_changes(self, timeout_s: float = 60.0) -> None:
-        """Wait until the horizon made in the background is in use; TimeoutError if it is late."""
-        while (maker := self._maker) is not None:
-            maker.join(timeout_s)
-            if maker.is_alive():
-                raise TimeoutError(f"the horizon is not ready after {timeout_s:g} s")
-            self._take()
-
-    def _take(self) -> None:
-        """Switch to the horizon built in the background if it is ready, else note the failure."""
-        if self._made is None:
-            return
-        made_for, made = self._made
-        self._maker = self._made = None
-        if made_for.tuning.blocks != self.settings.tuning.blocks:
-            self._prepare()
-        elif isinstance(made, str):
-            self._failure = f"that of {self._blocks} blocks stays in use: {made}"
-            self._complain(Reason(ReasonCode.HORIZON, detail=self._failure).words)
-        else:
-            made.configure(tuning_of(self.settings))
-            made.go_on_from(self.library)
-            self._use(self.settings, made)
+        self.settings = self._read(values)
+        self._values |= values
+        self.library.configure(tuning_of(self.settings))
 
     def reset(self, applied: Command) -> None:
         """Forget the past; the next step starts from ``applied``."""
@@ -181,19 +130,13 @@ class NmpcController:
     ) -> Proposal:
         """See :meth:`fsw_control.Controller.step`."""
         began = perf_counter()
-        self._take()
         library, m = self.library, measurement
         inputs, outputs = library.input, library.output
-        inputs.depth_mm, inputs.torque_nm = m.depth_mm, m.torque_nm
-        inputs.temperature_c = m.temperature_c
+        library.take(m, reference, applied, dt_s)
         inputs.depth_fresh = m.depth_valid and "depth" not in m.held
         inputs.torque_fresh = m.torque_valid and "torque" not in m.held
         inputs.temperature_fresh = m.temperature_valid and "thermocouple" not in m.held
         inputs.force_kn, inputs.speed_rpm = m.force_kn, m.speed_rpm
-        inputs.applied_force_kn, inputs.applied_speed_rpm = applied.force_kn, applied.speed_rpm
-        inputs.reference_depth_mm = reference.depth_mm
-        inputs.reference_temperature_c = reference.temperature_c
-        inputs.dt_s = dt_s
         coming = reference.coming if self.settings.preview else ()
         inputs.n_changes = min(len(coming), len(inputs.change))
         for change, set_point in zip(inputs.change, coming, strict=False):
@@ -265,7 +208,7 @@ class NmpcController:
     def _reason(self, m: Measurement) -> Reason:
         outputs, s = self.library.output, self.settings
         if outputs.reason == Fault.PROPOSING:
-            return Reason(ReasonCode.HORIZON, detail=self._failure) if self._failure else Reason()
+            return Reason()
         if outputs.reason == Fault.WAITING_FOR_SENSORS:
             missing = tuple(name for name in m.invalid_sensors() if name != "torque")
             return (

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from fsw_control import weld
-from fsw_control.parameters import AT_START, NodeParameters
+from fsw_control.common_parameters import ControllerLimits
+from fsw_control.parameters import AT_START
 from fsw_control.schema.models import Whole
 from fsw_control.schema.ranges import Range
 
 
-class NmpcParameters(NodeParameters):
+class NmpcParameters(ControllerLimits):
     """Parameters of the NMPC. All but ``model_file`` act at runtime, without a bump."""
 
     preset: Literal["default", "paper", "paper:letter"] = "default"
@@ -41,15 +41,3 @@ class NmpcParameters(NodeParameters):
     unhealthy."""
     blind_limit: Annotated[float, Range(0.0, 60.0, "s")] = 3.0
     """Maximum time without a valid sample of a sensor; after that the proposal is unhealthy."""
-    force_min: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_MIN_KN
-    """Least axial force."""
-    force_max: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_MAX_KN
-    """Largest axial force."""
-    speed_min: Annotated[float, Range(0.0, 1000.0, "rpm")] = weld.SPEED_MIN_RPM
-    """Least spindle speed."""
-    speed_max: Annotated[float, Range(0.0, 1000.0, "rpm")] = weld.SPEED_MAX_RPM
-    """Largest spindle speed."""
-    force_step: Annotated[float, Range(0.01, 10.0, "kN")] = weld.FORCE_STEP_KN
-    """Largest change of the force per tick."""
-    speed_step: Annotated[float, Range(0.01, 30.0, "rpm")] = weld.SPEED_STEP_RPM
-    """Largest change of the speed per tick."""

@@ -1,6 +1,6 @@
 """Parameters of the canister's end: geometry, copper, heat in and out, discretisation.
 
-``fsw_heat`` makes the heat model from them, which the plant steps (``compact_canister.py``).
+``fsw_heat`` makes the heat model from them, which the plant steps (``process.py``).
 """
 
 from __future__ import annotations

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from fsw_control import Limits, parameters
+from fsw_control import Limits
 from fsw_control.depth_footprint import Footprint
 from fsw_control.schema import models
-from fsw_control.schema.models import InputError, validate
+from fsw_control.schema.models import InputError
 from fsw_model import STEP_S, ModelParameters
 from fsw_plant.canister import CanisterParameters
 from fsw_plant.machine import Machine
@@ -53,27 +52,24 @@ class PlantConfig:
             If a name is unknown, a value has the wrong type or is out of range, or values
             contradict each other.
         """
-        checked = parameters.validate(PlantParameters, flatten(values))
+        own = PlantParameters.from_values(flatten(values))
+        drives = dict(own.limits)
+        rates = drives.pop("force_rate_kn_per_s"), drives.pop("speed_rate_rpm_per_s")
+        steps = {"force_step_kn": rates[0] * STEP_S, "speed_step_rpm": rates[1] * STEP_S}
+        file, canister = own.machine.footprint_file, own.canister
         try:
-            limits = Limits(
-                force_min_kn=checked["limits.force_min_kn"],
-                force_max_kn=checked["limits.force_max_kn"],
-                speed_min_rpm=checked["limits.speed_min_rpm"],
-                speed_max_rpm=checked["limits.speed_max_rpm"],
-                force_step_kn=checked["limits.force_rate_kn_per_s"] * STEP_S,
-                speed_step_rpm=checked["limits.speed_rate_rpm_per_s"] * STEP_S,
-            )
-            machine = validate(
-                Machine,
-                {name: checked[f"machine.{name}"] for name in Machine.model_fields},
-                "machine",
-            )
-            file = machine.footprint_file
             if before is not None and before.machine.footprint_file == file:
                 footprint = before.footprint, before.footprint_sha256
             else:
                 footprint = Footprint.from_named(file)
-            return cls(checked, limits, _model(checked), machine, *footprint, _canister(checked))
+            return cls(
+                own.flat(),
+                Limits(**drives, **steps),
+                _model(own),
+                own.machine,
+                *footprint,
+                canister if own.process == "canister" else None,
+            )
         except ValueError as error:
             raise InputError(str(error)) from None
 
@@ -101,17 +97,7 @@ def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
     return flat
 
 
-def _model(values: Mapping[str, Any]) -> ModelParameters:
-    """The parameters of the model file, each with its factor."""
-    file = values["model_file"]
-    factors = {name: values[f"factors.{name}"] for name in ModelParameters.model_fields}
-    parameters = ModelParameters.from_file(Path(file)) if file else ModelParameters()
-    return parameters.scaled(**{name: factor for name, factor in factors.items() if factor != 1.0})
-
-
-def _canister(values: Mapping[str, Any]) -> CanisterParameters | None:
-    """The parameters of the canister."""
-    if values["process"] != "canister":
-        return None
-    own = {name: values[f"canister.{name}"] for name in CanisterParameters.model_fields}
-    return validate(CanisterParameters, own, "canister")
+def _model(own: PlantParameters) -> ModelParameters:
+    """Parameters of the emulated process: from a file or nominal, times the factors."""
+    model = ModelParameters.from_file(own.model_file) if own.model_file else ModelParameters()
+    return model.scaled(**{name: factor for name, factor in own.factors if factor != 1.0})

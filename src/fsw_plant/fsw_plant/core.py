@@ -8,7 +8,6 @@ from typing import Any
 from fsw_control import Command
 from fsw_control.schema.models import InputError
 from fsw_model import Equilibrium, OperatingPointError, Outputs, OutsideModelError, ProcessState
-from fsw_plant.compact_canister import CanisterField
 from fsw_plant.config import PlantConfig
 from fsw_plant.library import (
     BLOCK,
@@ -19,7 +18,7 @@ from fsw_plant.library import (
     model_of,
     sensors_of,
 )
-from fsw_plant.process import process_model, reduced
+from fsw_plant.process import CanisterField, process_model, reduced
 from fsw_plant.tool_path import Motion
 
 

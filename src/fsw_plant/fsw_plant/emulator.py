@@ -23,8 +23,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from fsw_control import Command, Limits, weld
-from fsw_control.command_check import refusal
-from fsw_control.command_gate import CommandGate
+from fsw_control.command_gate import CommandGate, refusal
 from fsw_control.depth_fusion import DepthEstimate
 from fsw_model import STEP_S, Equilibrium, OperatingPointError
 from fsw_model.fused_depth import FusedDepth

@@ -72,43 +72,26 @@ class _Sensors(Model):
 
 def _of_sensor(row: Sensor) -> dict[str, tuple[Range, float, str]]:
     """Parameters that every sensor has, by name."""
-    quantity, title = row.quantity, row.title
+    quantity, title, stem = row.quantity, row.title, row.stem
+    noise = f"Standard deviation of the {title}'s noise (chosen)"
+    colour = (
+        f"Correlation time of the {title}'s noise, a first-order Gauss-Markov process; 0: white"
+    )
+    steps = f"Quantisation of the {title}; 0: none (chosen)"
     return {
-        f"{row.stem}_noise_{quantity.suffix}": (
-            quantity.noise,
-            row.noise,
-            f"Standard deviation of the {title}'s noise (chosen)",
-        ),
-        f"{row.stem}_noise_correlation_s": (
-            Range(0.0, 600.0, "s"),
-            0.0,
-            f"Correlation time of the {title}'s noise, a first-order Gauss-Markov process; 0: white",
-        ),
-        f"{row.stem}_resolution_{quantity.suffix}": (
-            quantity.resolution,
-            row.resolution,
-            f"Quantisation of the {title}; 0: none (chosen)",
-        ),
+        f"{stem}_noise_{quantity.suffix}": (quantity.noise, row.noise, noise),
+        f"{stem}_noise_correlation_s": (Range(0.0, 600.0, "s"), 0.0, colour),
+        f"{stem}_resolution_{quantity.suffix}": (quantity.resolution, row.resolution, steps),
     }
 
 
-SENSOR_PARAMETERS = create_model(
-    "SensorParameters",
-    __base__=_Sensors,
-    **numbers(
-        {name: field for row in SENSORS.values() for name, field in _of_sensor(row).items()}
-    ),
-)()
-MODEL_FACTORS = create_model(
-    "ModelFactors",
-    __base__=Model,
-    **numbers(
-        {
-            name: (Range(0.1, 10.0, ""), 1.0, f"Factor on the model parameter {name}")
-            for name in ModelParameters.model_fields
-        }
-    ),
-)()
+_SENSORS = {name: field for row in SENSORS.values() for name, field in _of_sensor(row).items()}
+_FACTORS = {
+    name: (Range(0.1, 10.0, ""), 1.0, f"Factor on the model parameter {name}")
+    for name in ModelParameters.model_fields
+}
+SENSOR_PARAMETERS = create_model("SensorParameters", __base__=_Sensors, **numbers(_SENSORS))()
+MODEL_FACTORS = create_model("ModelFactors", __base__=Model, **numbers(_FACTORS))()
 
 
 class Watchdog(Model):

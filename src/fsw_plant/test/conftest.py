@@ -8,8 +8,8 @@ import pytest
 from fsw_control.fence import Signature
 from fsw_control.stop import Stop
 from fsw_plant.canister import CanisterParameters
-from fsw_plant.compact_canister import CanisterTables
 from fsw_plant.core import PlantCore
+from fsw_plant.process import CanisterTables
 from fsw_test_support.ros_graph import Spinner, domain_id
 from fsw_test_support.waiting import PATIENCE_S
 

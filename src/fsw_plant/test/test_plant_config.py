@@ -140,7 +140,7 @@ DISTURBANCE = "events[0].disturbance"
             event(disturbance={"channel": "traverse", "shape": "step"}),
             f"{DISTURBANCE}.channel",
             "literal_error",
-            "depth, temperature",
+            "'depth', 'temperature'",
         ),
         (
             event(disturbance={"channel": "depth", "shape": "step"}),

@@ -95,7 +95,7 @@ def test_time_rounds_up_to_the_next_tick(tick):
 
 
 BAD = [
-    ("a: [", "line 1"),
+    ("a: [", "line 2"),
     ("name: x\nname: y\nduration_s: 1", "'name' is given twice"),
     ("- 1", "mapping"),
     ("name: x", "lacks duration_s"),
@@ -103,8 +103,8 @@ BAD = [
     ("name: x\nduration_s: yes", "not a number"),
     ("name: x\nduration_s: .nan", "outside"),
     ("name: x\nduration_s: 5\nevnts: []", "evnts is an unknown key; did you mean events?"),
-    ("name: x\nduration_s: 5\nevents: 3", "events is 3, not a list"),
-    ("name: x\nduration_s: 5\nevents: [3]", "events[0] is 3, not a mapping"),
+    ("name: x\nduration_s: 5\nevents: 3", "events is 3: must be a list"),
+    ("name: x\nduration_s: 5\nevents: [3]", "events[0] is 3: must be a mapping"),
     ("name: x\nduration_s: 5\nevents: [{at_s: 1}]", "exactly one of"),
     ("name: x\nduration_s: 5\nevents: [{at_s: 9, switch: a}]", "outside 0 to 5 s"),
     (
@@ -120,7 +120,7 @@ BAD = [
     ),
     (
         "name: x\nduration_s: 5\nevents: [{at_s: 1, disturbance: {channel: z}}]",
-        "one of depth, temperature",
+        "must be 'depth', 'temperature'",
     ),
     (
         "name: x\nduration_s: 5\nevents: [{at_s: 1, fault: {sensor: depth, kind: bias}}]",
@@ -138,10 +138,10 @@ BAD = [
         "name: x\nduration_s: 5\ncontroller: none\nevents: [{at_s: 1, switch: a}]",
         "controller is none",
     ),
-    ("name: x\nduration_s: 5\nfigures: [3]", "figures[0] is 3; one of 4"),
+    ("name: x\nduration_s: 5\nfigures: [3]", "figures[0] is 3: must be 4"),
     ("name: x\nduration_s: 5\nplant: {seed: -1}", "plant is wrong"),
     ("name: x\nduration_s: 5\nplant: {factors: {thermal: 1.1}}", "factors.thermal"),
-    ("name: [x]\nduration_s: 5", "not text"),
+    ("name: [x]\nduration_s: 5", "must be a valid string"),
 ]
 
 

@@ -62,10 +62,10 @@ def test_set_points_begin_with_their_phase():
 
 BAD = [
     ([], "phases is empty"),
-    (5, "phases is 5, not a list"),
+    (5, "phases is 5: must be a list"),
     ([WELD[1], WELD[0]], "phases[1] dwell cannot follow start"),
     ([WELD[0], WELD[0]], "phases[1] dwell cannot follow dwell"),
-    (changed(0, name="plunge"), "phases[0].name is 'plunge'; one of dwell"),
+    (changed(0, name="plunge"), "phases[0].name is 'plunge': must be 'dwell'"),
     (changed(0, duration_s=float("nan")), "phases[0].duration_s = nan is outside"),
     (changed(0, length_mm=3.0), "phases[0] has length_mm but no to_deg"),
     (changed(1, duration_s=3.0), "phases[1] has duration_s and to_deg"),

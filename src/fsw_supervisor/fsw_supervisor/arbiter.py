@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from fsw_control.cause import Cause
-from fsw_control.command_check import refusal
+from fsw_control.command_gate import refusal
 from fsw_control.contract import Command
 from fsw_control.fence import LOST_COMMANDS, ActuatorState
 from fsw_control.reason import Reason, ReasonCode

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from fsw_control.message_synchronizer import JUMP_NS
-from fsw_control.readiness import Lack, Readiness
-from fsw_control.reason import Reason, ReasonCode
+from fsw_control.reason import Lack, Readiness, Reason, ReasonCode
 from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.facts import Code

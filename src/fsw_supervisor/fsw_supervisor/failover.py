@@ -10,7 +10,7 @@ from collections import deque
 from enum import StrEnum
 
 from fsw_control.applied import SILENT_PERIODS
-from fsw_control.command_check import refusal
+from fsw_control.command_gate import refusal
 from fsw_control.contract import Command
 from fsw_control.fence import ActuatorState, Signature
 from fsw_control.stop import Stop

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from fsw_control.command_check import refusal
+from fsw_control.command_gate import refusal
 from fsw_control.contract import Command, Limits
 from fsw_control.units import NANOSECONDS
 from fsw_supervisor.tick import Decision, Tick, same

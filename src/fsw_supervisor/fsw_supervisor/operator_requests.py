@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import isfinite, nan
 
 from fsw_control.cause import Cause
-from fsw_control.command_check import refusal
+from fsw_control.command_gate import refusal
 from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.units import NANOSECONDS

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Awaitable, Callable
 from functools import partial
-from typing import TypeVar
+from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -18,12 +18,39 @@ from fsw_supervisor import reports_ros as reports
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.confirmation import Confirmation, Confirmations
 from fsw_supervisor.facts import Answer, Code
+from fsw_supervisor.failover import Failover, Role
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import Decision
 
-_Response = TypeVar(
-    "_Response", SetMode.Response, SwitchController.Response, OperatorRequest.Response
-)
+
+class Leadership:
+    """Answers whether this supervisor leads.
+
+    After a stall, requests may be handled before the messages that report another supervisor's
+    takeover. A deposed leader must not accept them: nobody would follow it. Requests therefore
+    wait for the next report or timer.
+    """
+
+    def __init__(self, node: Node, failover: Failover) -> None:
+        self._node, self._failover = node, failover
+        self._waiting: list[Future] = []
+
+    async def certain(self) -> bool:
+        """Wait, after a stall, until it is certain; return whether this supervisor leads."""
+        while not self._failover.is_certain(time.monotonic()):
+            known: Future = Future(executor=self._node.executor)
+            self._waiting.append(known)
+            await known
+        return self._failover.role is Role.ACTIVE
+
+    def look(self) -> None:
+        """Resume waiting requests once it is certain; call it after every call of the failover."""
+        if self._waiting and self._failover.is_certain(time.monotonic()):
+            waiting, self._waiting = self._waiting, []
+            for known in waiting:
+                known.set_result(True)
+
+
 _ON_STANDBY = Answer.refused(Code.ON_STANDBY)
 
 
@@ -55,10 +82,10 @@ class OperatorServices:
         if not self._services:
             create = partial(self._node.create_service, callback_group=self._group)
             self._services = [
-                create(SwitchController, "fsw/switch_controller", self._on_switch),
+                create(SwitchController, "fsw/switch_controller", _served(self._switch)),
                 create(ListControllers, "fsw/list_controllers", self._on_list),
-                create(SetMode, "fsw/set_mode", self._on_set_mode),
-                create(OperatorRequest, "fsw/acknowledge", self._on_acknowledge),
+                create(SetMode, "fsw/set_mode", _served(self._set_mode)),
+                create(OperatorRequest, "fsw/acknowledge", _served(self._acknowledge)),
             ]
 
     def close(self) -> None:
@@ -66,11 +93,6 @@ class OperatorServices:
         for service in self._services:
             self._node.destroy_service(service)
         self._services = []
-
-    async def _on_switch(
-        self, request: SwitchController.Request, response: SwitchController.Response
-    ) -> SwitchController.Response:
-        return _respond(response, await self._switch(request))
 
     async def _switch(self, request: SwitchController.Request) -> Answer:
         best_effort, strictness = request.BEST_EFFORT, request.strictness
@@ -103,21 +125,17 @@ class OperatorServices:
         response.controllers = [reports.health(self._arbiter, record) for record in records]
         return response
 
-    async def _on_set_mode(
-        self, request: SetMode.Request, response: SetMode.Response
-    ) -> SetMode.Response:
+    async def _set_mode(self, request: SetMode.Request) -> Answer:
         mode, confirmations = request.mode, self._confirmations
         ask = partial(self._arbiter.operator.ask_mode, mode, convert.command(request), "operator")
         confirmation = confirmations.of_stop
         if mode != Mode.SAFE_STOP:
             confirmation = partial(confirmations.of_mode, mode)
-        return _respond(response, await self._ask(ask, confirmation))
+        return await self._ask(ask, confirmation)
 
-    async def _on_acknowledge(
-        self, request: OperatorRequest.Request, response: OperatorRequest.Response
-    ) -> OperatorRequest.Response:
+    async def _acknowledge(self, request: OperatorRequest.Request) -> Answer:
         ask = partial(self._arbiter.operator.acknowledge, "operator")
-        return _respond(response, await self._ask(ask, self._confirmations.of_acknowledgement))
+        return await self._ask(ask, self._confirmations.of_acknowledgement)
 
     async def _ask(
         self, ask: Callable[[], Answer], confirmation: Callable[[float], Confirmation]
@@ -143,7 +161,12 @@ class OperatorServices:
         return Answer.refused(Code.UNCONFIRMED, wait_s=wait_s, answer=answer.fact)
 
 
-def _respond(response: _Response, answer: Answer) -> _Response:
-    response.ok, response.code = answer.ok, str(answer.fact.code)
-    response.message = answer.fact.words
-    return response
+def _served(answer: Callable[[Any], Awaitable[Answer]]) -> Callable[[Any, Any], Awaitable[Any]]:
+    """Callback of a service that gives this answer."""
+
+    async def serve(request: Any, response: Any) -> Any:
+        ok, fact = await answer(request)
+        response.ok, response.code, response.message = ok, str(fact.code), fact.words
+        return response
+
+    return serve

@@ -29,9 +29,8 @@ from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.confirmation import Confirmations
 from fsw_supervisor.controller_topics_ros import ControllerTopics
 from fsw_supervisor.failover import Failover, Role
-from fsw_supervisor.leadership_ros import Leadership
 from fsw_supervisor.parameters import SupervisorParameters
-from fsw_supervisor.services_ros import OperatorServices
+from fsw_supervisor.services_ros import Leadership, OperatorServices
 from fsw_supervisor.state_machine import Mode, Standing
 from fsw_supervisor.tick import Decision, ProposalInput
 
@@ -244,9 +243,8 @@ class SupervisorNode(LightNode, Node):
             return
         names = [record.name for record in self._arbiter.registry]
         namesakes = {name: self._controllers.proposers(name) for name in names}
-        limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
         writers = self.count_publishers(self._command_topic)
-        lines = reports.diagnostics(self._arbiter, writers, namesakes, limits)
+        lines = reports.diagnostics(self._arbiter, writers, namesakes)
         self._diagnostics.publish([*lines, self._kept_reference.report()])
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import isclose, nan
 
-from fsw_control.command_check import Flaw, refusal
+from fsw_control.command_gate import Flaw, refusal
 from fsw_control.contract import Command, Limits
 from fsw_control.reason import Reason, ReasonCode
 

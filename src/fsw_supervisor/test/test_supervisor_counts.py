@@ -3,8 +3,7 @@
 import pytest
 
 from fsw_control.contract import Command
-from fsw_control.readiness import Lack, Readiness
-from fsw_control.reason import Reason, ReasonCode
+from fsw_control.reason import Lack, Readiness, Reason, ReasonCode
 from fsw_supervisor.controller_registry import LOCKSTEP_LAG, ControllerRegistry
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.safety_monitor import SafetyMonitor

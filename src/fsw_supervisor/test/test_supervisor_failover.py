@@ -6,8 +6,7 @@ import pytest
 
 from fsw_control.cause import Cause
 from fsw_control.contract import Command
-from fsw_control.readiness import Lack
-from fsw_control.reason import Reason, ReasonCode
+from fsw_control.reason import Lack, Reason, ReasonCode
 from fsw_control.reports_ros import OK, WARN
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.reports_ros import diagnostics
@@ -190,12 +189,12 @@ def test_a_fallback_that_nobody_runs_is_told_unless_it_is_one_by_default(make_ri
     alone = make_rig()
     alone.names = ["decentral"]
     alone.run(5)
-    status = diagnostics(alone.arbiter, 1, {}, (0.05, 0.1))[0]
+    status = diagnostics(alone.arbiter, 1, {})[0]
     assert (status.level, status.code) == (OK, "several")
     misspelt = make_rig(
         SupervisorParameters.from_values({"fallbacks": ("decentral", "nmcp")})
     ).run(5)
-    status = diagnostics(misspelt.arbiter, 1, {}, (0.05, 0.1))[0]
+    status = diagnostics(misspelt.arbiter, 1, {})[0]
     assert status.level == WARN
     absent = next(fact for fact in status.what.data["facts"] if fact.code == "absent")
     assert absent.data["controllers"] == ("nmcp",)

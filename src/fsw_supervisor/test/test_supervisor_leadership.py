@@ -3,7 +3,7 @@
 import pytest
 
 from fsw_supervisor.failover import Role
-from fsw_supervisor.leadership_ros import Leadership
+from fsw_supervisor.services_ros import Leadership
 
 
 class Standing:

@@ -1,7 +1,7 @@
 """Lockstep: the wall clock only guards, and nothing depends on the timing of shadow controllers."""
 
 from fsw_control.contract import Command
-from fsw_control.readiness import Lack
+from fsw_control.reason import Lack
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.tick import ProposalInput

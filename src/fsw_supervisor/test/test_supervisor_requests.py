@@ -5,7 +5,7 @@ import math
 import pytest
 
 from fsw_control.cause import Cause
-from fsw_control.command_check import Flaw
+from fsw_control.command_gate import Flaw
 from fsw_control.contract import Command
 from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.facts import Answer, Code

@@ -31,7 +31,7 @@ from asyncua.crypto.permission_rules import UserRole
 from cryptography import x509
 
 from fsw_control import Command, weld
-from fsw_control.command_check import refusal
+from fsw_control.command_gate import refusal
 from fsw_control.schema.models import InputError
 from fsw_control.sensors import SENSORS
 from fsw_control.units import NANOSECONDS

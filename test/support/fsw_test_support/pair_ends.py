@@ -8,8 +8,8 @@ from fsw_control.fence import Fence, Signature
 from fsw_control.stop import Stop, StopCause
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_NS, TICK_S
-from fsw_machine.cycle import CycleTracker
 from fsw_machine.gateway import Order
+from fsw_machine.samples import CycleTracker
 from fsw_plant.pace import TickStamps
 from fsw_plant.watchdog import Watchdog, WatchdogState
 from fsw_test_support.pair_parts import Holder

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from fsw_control.applied import AppliedCommand, AppliedCommands
-from fsw_control.command_check import refusal
+from fsw_control.command_gate import refusal
 from fsw_control.contract import Command
 from fsw_control.fence import ActuatorState, Signature
 from fsw_control.sensors import REQUIRED

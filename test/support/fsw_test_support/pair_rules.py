@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, replace
 
-from fsw_control.command_check import refusal
+from fsw_control.command_gate import refusal
 from fsw_control.contract import Command, Limits
 from fsw_control.fence import Fence, Signature
 from fsw_control.stop import Stop

@@ -14,7 +14,7 @@ from math import isfinite, nan
 from typing import Any
 
 from fsw_control import weld
-from fsw_control.command_check import refusal
+from fsw_control.command_gate import refusal
 from fsw_control.contract import Command
 from fsw_control.fence import Signature
 from fsw_control.sensors import REQUIRED
@@ -25,7 +25,6 @@ from fsw_model import nominal
 from fsw_plant import PlantConfig
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.parameters import SupervisorParameters
-from fsw_supervisor.safety_monitor import interlocks_from
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import GAP_S, Decision, ProposalInput
 from fsw_test_support.plc import MACHINE, Plc, new_gateway
@@ -86,7 +85,6 @@ _SHARED: list[Any] = [
     MACHINE,
     _CONFIG,
     *sensor_limits(SETTINGS.flat()).values(),
-    *interlocks_from(SETTINGS.flat()),
     nominal(),
 ]
 

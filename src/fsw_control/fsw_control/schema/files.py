@@ -16,13 +16,6 @@ from typing import Any, BinaryIO
 
 #: largest file that is read at once; as JSON that is at most some 400 MB in memory
 LONGEST_BYTES = 16 * 2**20
-_KINDS = {
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
-
 #: environment variable with the file's path, set by the parent
 VARIABLE = "FSW_STATUS_FILE"
 
@@ -72,25 +65,11 @@ def open_regular(path: str | Path) -> BinaryIO:
     OSError
         If it cannot be opened, or is not a regular file; ``strerror`` gives the remedy.
     """
-    # opening a pipe or a device would already act on it
-    _check_regular(path, os.stat(path).st_mode)
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    try:
-        _check_regular(path, os.fstat(descriptor).st_mode)
-        return os.fdopen(descriptor, "rb")
-    except BaseException:
-        os.close(descriptor)
-        raise
-
-
-def _check_regular(path: str | Path, mode: int) -> None:
-    if stat.S_ISDIR(mode):
-        text = f"{os.strerror(errno.EISDIR)}; give a file"
-        raise IsADirectoryError(errno.EISDIR, text, str(path))
-    if not stat.S_ISREG(mode):
-        kind = _KINDS.get(stat.S_IFMT(mode), "something else")
-        text = f"{kind} and not a file; save its content in a file and give that"
+    mode = os.stat(path).st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # opening it would already act on it
+        text = "not a regular file; save its content in a file and give that"
         raise OSError(errno.EINVAL, text, str(path))
+    return open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))
 
 
 def read_regular(path: str | Path, longest_bytes: int = LONGEST_BYTES) -> bytes:

@@ -13,7 +13,7 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
-from itertools import groupby, islice, pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from textwrap import dedent
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args
@@ -43,22 +43,11 @@ _MOST_PROBLEMS = 10
 #: thousands
 _MOST_COMPARED = 200
 _NAME = "^[A-Za-z0-9_]+$"
-#: expected kind of value by pydantic's type of error
+#: what a value must be, in the words of YAML, by pydantic's type of error; its own words otherwise
 _KINDS = {
-    **dict.fromkeys(
-        ("model_type", "dict_type", "mapping_type", "model_attributes_type"), "a mapping"
-    ),
+    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type"), "a mapping"),
     **dict.fromkeys(("list_type", "tuple_type"), "a list"),
-    "float_type": "a number",
-    "finite_number": "a finite number",
-    "int_type": "a whole number",
-    "string_type": "text",
-    "bool_type": "true or false",
-    "callable_type": "a function",
-    "sequence_str": "a list",
 }
-#: words for a class of which a value has to be an instance
-_CLASSES = {"Path": "a path", "Sequence": "a list"}
 
 T = TypeVar("T")
 #: a list in a file
@@ -286,24 +275,16 @@ class _Found(NamedTuple):
     text: str
     known: str = ""
     near: str = ""
-    expected: str = ""  #: kind of value
 
 
 def _known_once(problems: Iterable[_Found]) -> Iterator[str]:
-    """The problems in words, each list of known keys only where it occurs first.
-
-    The members of a union have a problem each, with the same value; their kinds are listed.
-    """
-    listed_before: set[str] = set()
-    for text, group in groupby(problems, lambda problem: problem.text):
-        first, *others = group
-        kinds = dict.fromkeys(member.expected for member in (first, *others) if member.expected)
-        expected = f", not {' or '.join(kinds)}" if kinds else ""
-        hint = f"; did you mean {first.near}?" if first.near else ""
-        is_new = first.known and first.known not in listed_before
-        listed = f"{' ' if hint else '; '}known: {first.known}" if is_new else ""
-        yield text + expected + hint + listed
-        listed_before.add(first.known)
+    """The problems in words, each list of known keys only where it occurs first."""
+    listed_before = {""}
+    for _, text, known, near in problems:
+        hint = f"; did you mean {near}?" if near else ""
+        listed = "" if known in listed_before else f"{' ' if hint else '; '}known: {known}"
+        yield text + hint + listed
+        listed_before.add(known)
 
 
 def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]]) -> _Found:
@@ -321,7 +302,7 @@ def _problem(error: ErrorDetails, content: Any, models: Mapping[int, type[Model]
     problem = Problem(place, error["type"])
     model = models.get(id(parent))
     if error["type"] not in _UNKNOWN_KEY or model is None:
-        return _Found(problem, text, expected=_expected(error))
+        return _Found(problem, text)
     known = [field.alias or name for name, field in model.model_fields.items()]
     near = get_close_matches(str(error["loc"][-1]), known, 1)
     return _Found(problem, text, ", ".join(known), near[0] if near else "")
@@ -332,42 +313,17 @@ _UNKNOWN_KEY = ("extra_forbidden", "invalid_key")
 
 
 def _text(error: ErrorDetails) -> str:
-    kind, ctx, key = error["type"], error.get("ctx", {}), error["loc"][-1] if error["loc"] else ""
-    shown = f"{error['input']!r:.60}"
+    kind, text = error["type"], error["msg"].replace("Input should be", "must be")
     if kind == "missing":
-        return f"lacks {key}"
+        return f"lacks {error['loc'][-1]}"
+    if kind == "union_tag_not_found":
+        return f"lacks {error['ctx']['discriminator']}"
     if kind in _UNKNOWN_KEY:
         return "is an unknown key"
-    if kind == "union_tag_not_found":
-        return f"lacks {_plain(ctx['discriminator'])}"
-    if kind == "union_tag_invalid":
-        tags = _plain(ctx["expected_tags"])
-        return f"has {_plain(ctx['discriminator'])} {ctx['tag']!r}; one of {tags}"
-    if kind == "literal_error":
-        return f"is {shown}; one of {_plain(ctx['expected'])}"
-    if kind == "string_pattern_mismatch" and ctx["pattern"] == _NAME:
-        return f"is {shown}, not a name (letters, digits, _)"
-    if _expected(error):
-        return f"is {shown}"
-    if kind == "too_short":
-        return f"needs at least {ctx['min_length']} entries"
-    if kind == "too_long":
-        return f"may have at most {ctx['max_length']} entries"
     if kind == "value_error":
-        return str(ctx["error"])
+        return str(error["ctx"]["error"])
     if kind in ("problem", "outside", "not_a_number"):
-        return error["msg"]
-    return f"is {shown}: {error['msg'].replace('Input should be', 'must be')}"
-
-
-def _expected(error: ErrorDetails) -> str:
-    """Kind of value that was expected; empty if the error is another one."""
-    if error["type"] == "is_instance_of":
-        name = error["ctx"]["class"]
-        lacks = f" (it lacks {error['ctx']['lacks']})" if error["ctx"].get("lacks") else ""
-        return _CLASSES.get(name, f"{'an' if name[0] in 'AEIOU' else 'a'} {name}{lacks}")
-    return _KINDS.get(error["type"], "")
-
-
-def _plain(quoted: str) -> str:
-    return quoted.replace("'", "")
+        return text
+    if lacks := error.get("ctx", {}).get("lacks"):  # what a protocol asks for
+        text += f" (it lacks {lacks})"
+    return f"is {error['input']!r:.60}: {f'must be {_KINDS[kind]}' if kind in _KINDS else text}"
