@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from fsw_control.coded import Fact
 from fsw_hmi.answers import Answer, Code, Note
@@ -14,6 +14,14 @@ from fsw_hmi.answers import Answer, Code, Note
 _LAPSE_S = 60.0
 #: requests of a session in any second; safe stops do not count
 _MOST_REQUESTS = 10
+
+
+class Login(NamedTuple):
+    """A login whose password is yet to be checked."""
+
+    id: int  #: of the request
+    name: str
+    password: str
 
 
 @dataclass(slots=True, eq=False)
@@ -28,6 +36,8 @@ class Session:
     name: str = ""  #: of the person; empty before the login
     note: Fact | None = None  #: what happened to its control, for its page
     known: dict[str, Any] = field(default_factory=dict)  #: what its page has been told of control
+    login: Login | None = None
+    wrong: int = 0  #: passwords so far
     offences: int = 0
     asked_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST_REQUESTS))
 

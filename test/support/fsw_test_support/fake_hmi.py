@@ -30,7 +30,7 @@ from fsw_control.cause import Cause
 from fsw_control.sensors import OPTIONAL
 from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
-from fsw_hmi.control_room import ControlRoom, Verdict
+from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.headline import Now, headline
 from fsw_hmi.limits import limits, reference
@@ -346,17 +346,17 @@ class FakeHmi:
         if command in self.refusals:
             return Answer(REFUSED, "", self.refusals[command])
         now_s = time.monotonic()
-        verdict = self._room.handle(session, json.dumps(request), now_s)
-        if verdict.credentials:
-            user = self._room.check(*verdict.credentials)
-            verdict = self._room.on_checked(session, verdict.credentials, user, now_s)
-        if verdict.action:
+        order = self._room.handle(session, json.dumps(request), now_s)
+        if session.login:
+            order = self._room.on_checked(session, self._room.check(session.login), now_s)
+        answer = order.answer
+        if order.action:
             self._act(command, request)
-            verdict = Verdict(request["id"], Answer(DONE, "", ""), asked=verdict.asked)
-        if verdict.asked:
-            done = {"who": session.who, "action": verdict.asked, **verdict.answer._asdict()}
+            answer = Answer(DONE, "", "")
+        if order.asked:
+            done = {"who": order.who, "action": order.asked, **answer._asdict()}
             self.actions.append({"server_s": time.time(), **done})
-        return verdict.answer
+        return answer
 
     def _act(self, command: str, request: dict[str, Any]) -> None:
         if command == "safe_stop":
