@@ -15,8 +15,8 @@ from fsw_hmi.alarm_texts import flood
 from fsw_hmi.alarms import AlarmList
 from fsw_hmi.answers import Answer, Code
 from fsw_hmi.awake import Awake
+from fsw_hmi.limits import Flag
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
-from fsw_hmi.standing import Flag
 from fsw_hmi.watch_ros import Watch
 from fsw_msgs.msg import AlarmEvent
 

@@ -23,7 +23,7 @@ from fsw_hmi.alarm_texts import (
     tripped,
 )
 from fsw_hmi.alarms import STOP_ID, Alarm
-from fsw_hmi.standing import Flag
+from fsw_hmi.limits import Flag
 
 #: time without reports of a node after which that is an alarm
 NO_REPORT_S = 3.5

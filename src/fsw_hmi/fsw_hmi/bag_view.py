@@ -19,8 +19,7 @@ from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
 from fsw_control.sensors import OPTIONAL, SENSORS
 from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
 from fsw_hmi.frames import COLUMNS, SIGNALS, short
-from fsw_hmi.limits import limits
-from fsw_hmi.standing import flags
+from fsw_hmi.limits import flags, limits
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest_check import not_as_recorded
 

@@ -38,14 +38,21 @@ from fsw_hmi.answers import Answer
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.headline import Now, headline
-from fsw_hmi.limits import DEVIATIONS, PARAMETERS, limits, reference, safe_state
+from fsw_hmi.limits import (
+    PARAMETERS,
+    Flag,
+    limits,
+    outside_now,
+    reference,
+    safe_state,
+    worst,
+)
 from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
 from fsw_hmi.requests import Acknowledge, SafeStop, Shelve, Unshelve
-from fsw_hmi.standing import Flag, outside_now, worst
 from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage
@@ -175,9 +182,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._show("headline", line)
 
     def _limits(self) -> dict[str, dict[str, Any]]:
-        return limits(
-            self._interlocks, self._book, {name: self._setting(name) for name in DEVIATIONS}
-        )
+        return limits(self._interlocks, self._book)
 
     def _say_hello(self) -> None:
         hello = {"limits": self._limits(), "reference": reference(self._interlocks)}

@@ -10,12 +10,11 @@ import pytest
 from fsw_analysis.rule_book import Limit, default
 from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.headline import Now, headline
-from fsw_hmi.limits import limits
-from fsw_hmi.standing import flags, outside_now, variables
+from fsw_hmi.limits import flags, limits, outside_now, variables
 from fsw_test_support import hmi_situation
 
 INTERLOCKS = {"interlocks.depth_high.warn": 3.4, "interlocks.depth_high.trip": 3.6}
-LIMITS = limits(INTERLOCKS, default(), {"deviation_force_kn": 5.0, "deviation_speed_rpm": 20.0})
+LIMITS = limits(INTERLOCKS, default())
 GOOD = hmi_situation.GOOD | {"torque_nm": 1060.0, "power_kw": 45.0}
 AUTO = {"known": True, "actual_mode": "auto", "reason": "", "acknowledged": False}
 ACCOUNT = {"level": "good", "text": "Good", "detail": ""}

@@ -33,9 +33,8 @@ from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.frames import COLUMNS
 from fsw_hmi.headline import Now, headline
-from fsw_hmi.limits import limits, reference
+from fsw_hmi.limits import limits, outside_now, reference, worst
 from fsw_hmi.security import Security
-from fsw_hmi.standing import outside_now, worst
 from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.users import Users
 from fsw_test_support.machine import free_port
@@ -51,7 +50,7 @@ _INTERLOCKS = {
     **{"interlocks.temperature_low.trip": 790.0, "interlocks.temperature_high.trip": 910.0},
 }
 SAFE = {"force_kn": 65.0, "rate_kn_per_s": 2.0}
-LIMITS = limits(_INTERLOCKS, default(), {"deviation_force_kn": 5.0, "deviation_speed_rpm": 20.0})
+LIMITS = limits(_INTERLOCKS, default())
 
 
 def exact(value: float) -> float | None:

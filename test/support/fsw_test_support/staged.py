@@ -14,8 +14,8 @@ from fsw_hmi.alarm_rules import AlarmRules, Part, Situation
 from fsw_hmi.alarm_texts import flood
 from fsw_hmi.alarms import AlarmList
 from fsw_hmi.headline import Now, headline
+from fsw_hmi.limits import outside_now, worst
 from fsw_hmi.parameters import HmiParameters
-from fsw_hmi.standing import outside_now, worst
 from fsw_test_support.fake_hmi import LIMITS, good_account
 from fsw_test_support.hmi_situation import (
     controller,
