@@ -10,7 +10,7 @@ from rclpy.node import Node
 
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import LATCHED
-from fsw_hmi.alarm_rules import AlarmRules, Situation
+from fsw_hmi.alarm_rules import AlarmRules
 from fsw_hmi.alarm_texts import flood
 from fsw_hmi.alarms import AlarmList
 from fsw_hmi.answers import Answer, Code
@@ -27,7 +27,7 @@ class AlarmDesk:
     def __init__(self, node: Node, watch: Watch, setting: Callable[[str], float]) -> None:
         self.list = AlarmList(flood)
         self._awake = Awake()
-        self._node, self._watch = node, watch
+        self._node, self._watch, self.now = node, watch, watch.now
         self._rules = AlarmRules(setting)
         self._reach: dict[str, Any] = {"ok": None, "text": ""}
         self._replaced: dict[str, float] | None = None
@@ -35,14 +35,15 @@ class AlarmDesk:
 
     def judge(self, outside: Mapping[str, Sequence[Flag]]) -> bool:
         """Determine which alarms are present; returns whether the list has changed."""
-        now_s = time.monotonic()
+        now, now_s = self.now, time.monotonic()
         self._awake.look(now_s)
-        situation = self._situation(outside)
-        present = self._rules.present(situation, now_s)
+        self._look(now_s)
+        now.outside = outside
+        present = self._rules.present(now, now_s)
         changed = self.list.update(present, now_s)
         listed = {name: entry.alarm for name, entry in self.list.entries.items() if entry.present}
         before = self._reach, self._replaced
-        self._reach, goal = self._rules.reach(situation, listed), self._rules.replaced
+        self._reach, goal = self._rules.reach(now, listed), self._rules.replaced
         replaced = goal and {
             "depth_mm": round(goal.depth_mm, 2),
             "temperature_c": round(goal.temperature_c, 1),
@@ -69,31 +70,22 @@ class AlarmDesk:
         self._publish()
         return answer
 
-    def age_s(self, came_s: float | None) -> float | None:
-        """Age of something that came, without the time in which this process stood still."""
-        return None if came_s is None else self._awake.age_s(came_s, time.monotonic())
+    def _look(self, now_s: float) -> None:
+        """Determine ages, without the time in which this process stood still."""
+        now, watch, view = self.now, self._watch, self._watch.view
 
-    def _situation(self, outside: Mapping[str, Sequence[Flag]]) -> Situation:
-        watch, view, now_s = self._watch, self._watch.view, time.monotonic()
-        return Situation(
-            state=watch.state,
-            state_age_s=None if watch.state is None else self.age_s(watch.state_s),
-            programme=watch.progress["state"] if watch.progress else "",
-            programme_age_s=now_s - watch.progress_s,
-            tick_age_s=self.age_s(view.tick_s),
-            command_age_s=self.age_s(view.command_s),
-            sample_age_s={
-                name: self._awake.age_s(good_s, now_s) for name, good_s in view.good_s.items()
-            },
-            sensor_states=watch.sensor_states,
-            channels=watch.channels,
-            values=watch.values,
-            outside=outside,
-            attainable=watch.attainable,
-            parts=watch.parts(),
-            pages=self._node.count_publishers("fsw/alarms"),
-            leader=watch.leader,
-        )
+        def age_s(came_s: float | None) -> float | None:
+            return None if came_s is None else self._awake.age_s(came_s, now_s)
+
+        now.state_age_s = None if now.state is None else age_s(watch.state_s)
+        now.tick_age_s, now.command_age_s = age_s(view.tick_s), age_s(view.command_s)
+        now.sample_age_s = {
+            name: self._awake.age_s(good_s, now_s) for name, good_s in view.good_s.items()
+        }
+        now.programme = watch.progress["state"] if watch.progress else ""
+        now.programme_age_s = now_s - watch.progress_s
+        now.parts = watch.parts()
+        now.pages = self._node.count_publishers("fsw/alarms")
 
     def _publish(self) -> None:
         events, self.list.events = self.list.events, []

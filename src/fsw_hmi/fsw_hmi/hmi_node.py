@@ -37,7 +37,7 @@ from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.answers import Answer
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
-from fsw_hmi.headline import Now, headline
+from fsw_hmi.headline import headline
 from fsw_hmi.limits import (
     PARAMETERS,
     Flag,
@@ -150,8 +150,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._watch.progress = None  # of the weld before; a programme reports every second
         if self._watch.progress is not None:
             self._weld.on_progress(self._watch.progress)
-        if self._watch.state is not None:
-            self._weld.on_state(self._watch.leader, self._watch.state)
+        now = self._watch.now
+        if now.state is not None:
+            self._weld.on_state(now.leader, now.state)
         for tick in rows:
             self._weld.add(tick, self._watch.source)
             text = row(tick.stamp_ns, tick.values)
@@ -159,9 +160,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
                 self._outside = outside_now(
-                    self._watch.values, self._watch.programme(), self._book, self._limits()
+                    now.values, self._watch.programme(), self._book, self._limits()
                 )
-                values = self._watch.values | {"time_s": tick.stamp_ns / NANOSECONDS}
+                values = {**now.values, "time_s": tick.stamp_ns / NANOSECONDS}
                 stop = self._stopping.at(self._watch.stopped, values, safe_state(self._interlocks))
                 rest = f'"flags":{json.dumps(worst(self._outside))},"stop":{json.dumps(stop)}'
                 shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},{rest}}}'
@@ -172,11 +173,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._web.call(partial(self._page.show, f"{kind} {of}".rstrip(), frame(kind, content)))
 
     def _show_headline(self) -> None:
-        watch, desk = self._watch, self._desk
-        programme = watch.progress["state"] if watch.progress else ""
-        age_s, alarms = desk.age_s(watch.view.tick_s), desk.frame()["alarms"]
-        seen = watch.state_frame(), self._account, programme, self._recording.state
-        line = headline(Now(age_s, alarms, worst(self._outside), *seen))
+        alarms = self._desk.frame()["alarms"]
+        line = headline(self._desk.now, alarms, self._account, self._recording.state)
         if line != self._headline:
             self._headline = line
             self._show("headline", line)
@@ -211,9 +209,10 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         if self._account is not None:
             self._show("account", self._account)
         now_s = time.monotonic()
-        is_old = watch.leader != self._asked_leader or now_s - self._asked_s > _ASK_AGAIN_S
-        if watch.leader and is_old and self._get_parameters.service_is_ready():
-            self._asked_leader, self._asked_s = watch.leader, now_s
+        leader = watch.now.leader
+        is_old = leader != self._asked_leader or now_s - self._asked_s > _ASK_AGAIN_S
+        if leader and is_old and self._get_parameters.service_is_ready():
+            self._asked_leader, self._asked_s = leader, now_s
             future = self._get_parameters.call_async(GetParameters.Request(names=list(PARAMETERS)))
             future.add_done_callback(self._on_parameters)
 

@@ -17,7 +17,7 @@ from rclpy.subscription import Subscription
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.cause import Cause, Severity
-from fsw_control.contract import SAFE_STOP, Command, Reference
+from fsw_control.contract import SAFE_STOP, Command
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.diagnostic_names import local_name
 from fsw_control.heat_plan import SHARE_NAME
@@ -32,6 +32,7 @@ from fsw_hmi.alarm_rules import (
     RECORDING,
     UNDER_WAY,
     Part,
+    Situation,
     standby_ready,
 )
 from fsw_hmi.frames import COLUMNS, heat_band, readable, short
@@ -88,18 +89,12 @@ class Watch:
         self._known_heat_share = nan  # that the controller which commands uses
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
-        self.state: dict[str, Any] | None = None  #: as the page gets it, like the progress
-        self.progress: dict[str, Any] | None = None
+        self.now = Situation()  #: what has been heard, without its age
+        self.progress: dict[str, Any] | None = None  #: as the page gets it
         self.source = ""  #: who computed the last command
         self.state_s = self.progress_s = float("-inf")  #: when they came, on a steady clock
-        self.leader = ""  #: identity of the leading supervisor
-        self.sensor_states: dict[str, str] = {}  #: what the supervisor says of each sensor
-        self.channels: dict[str, ChannelHealth] = {}  #: of a fused depth, by sensor
-        #: set-points that the controller which commands goes for, if it tells
-        self.attainable: Reference | None = None
-        self._goes_for = ""  # the controller that told it
+        self._goes_for = ""  # the controller that told what is attainable
         self.recording: dict[str, str] = {}  #: what the recorder has reported last
-        self.values: dict[str, float] = {}  #: the newest row by column; empty before the first
         self._parts: dict[str, dict[str, tuple[Part, float]]] = {}
         self._sensors: list[Subscription] = []
         self._controllers: dict[str, float] = {}
@@ -117,7 +112,7 @@ class Watch:
     @property
     def stopped(self) -> bool:
         """Whether the supervisor reports a safe stop."""
-        return self.state is not None and self.state["actual_mode"] == SAFE_STOP
+        return self.now.state is not None and self.now.state["actual_mode"] == SAFE_STOP
 
     def look(self) -> None:
         """Leave the sensors of a plant that is silent; to be called several times a second."""
@@ -140,14 +135,14 @@ class Watch:
         self._take(*self.view.on_drives(stamp_ns, acting, now_s))
 
     def _on_depth(self, message: ShoulderDepth) -> None:
-        self.channels = channels_of(message)
+        self.now.channels = channels_of(message)
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
         self._take(self.view.on_sample(sensor, stamp_ns, value, time.monotonic()))
 
     def _take(self, rows: list[Row], restarted: bool = False) -> None:
         if rows:
-            self.values = dict(zip(COLUMNS[1:], rows[-1].values, strict=True))
+            self.now.values = dict(zip(COLUMNS[1:], rows[-1].values, strict=True))
         if rows or restarted:
             self._on_rows(rows, restarted)
 
@@ -160,8 +155,8 @@ class Watch:
     # ---------------------------------------------------------------- reports
 
     def _on_state(self, message: SupervisorState) -> None:
-        self.state, self.state_s = _state(message), time.monotonic()
-        self.leader = message.leader
+        self.now.state, self.state_s = _state(message), time.monotonic()
+        self.now.leader = message.leader
         for controller in message.controllers:
             name = controller.name
             fits = len(self._controllers) < _MOST_CONTROLLERS and _NAME.fullmatch(name)
@@ -183,11 +178,11 @@ class Watch:
             self.view.solve_ms = (
                 1e3 * message.solve_time if message.solver_status else float("nan")
             )
-            self.attainable, self._goes_for = convert.attainable(message), message.controller
+            self.now.attainable, self._goes_for = convert.attainable(message), message.controller
             disturbances = dict(zip(message.disturbance_names, message.disturbances, strict=False))
             self._known_heat_share = disturbances.get(SHARE_NAME, nan)
         elif message.controller == self._goes_for:  # it no longer commands
-            self.attainable = None
+            self.now.attainable = None
 
     def _on_plan(self, controller: str, message: Prediction) -> None:
         now_s = time.monotonic()
@@ -235,7 +230,7 @@ class Watch:
             if what == RECORDING:
                 self.recording = values
             if name == "fsw_supervisor: process":
-                self.sensor_states = {
+                self.now.sensor_states = {
                     name: readable(values.get(f"{name} state", "good")) for name in SENSORS
                 }
 
@@ -256,7 +251,7 @@ class Watch:
             "known": time.monotonic() - self.state_s <= NO_REPORT_S,
             "known_heat_share": short(self._known_heat_share),
             "standby": standby_ready(self.parts()),
-            **(self.state or NO_STATE),
+            **(self.now.state or NO_STATE),
         }
 
     def parts(self) -> dict[str, dict[str, Part]]:
