@@ -62,11 +62,12 @@ class Session:
 class Control:
     """Control as a state machine: free or held, and while held requested by at most one other.
 
-    Control that was asked for may be taken without an answer after ``answer_s``.
+    Control that was asked for may be taken without an answer after ``answer_s``, and the same
+    person's at any time where names are ``proven``.
     """
 
-    def __init__(self, answer_s: float) -> None:
-        self._answer_s = answer_s
+    def __init__(self, answer_s: float, proven: bool) -> None:
+        self._answer_s, self._proven = answer_s, proven
         self._asked_s = 0.0
         self.holder: Session | None = None
         self.asker: Session | None = None
@@ -84,7 +85,7 @@ class Control:
             "request": asker and _of(asker) | {"left_s": left_s, "you": asker is session},
         }
 
-    def take(self, session: Session, now_s: float, same_person: bool = False) -> Answer:
+    def take(self, session: Session, now_s: float) -> Answer:
         """Take control that is free, the same person's, or was asked for in vain."""
         holder = self.holder
         if holder is session:
@@ -92,7 +93,7 @@ class Control:
         if holder is None:
             self._give(session)
             return Code.TAKEN.done()
-        if same_person:
+        if self._proven and holder.name == session.name:
             self._give(session, Fact.of(Note.TAKEN_BY_OWN, session=session.id))
             return Code.TAKEN_FROM_OWN.done(holder=holder.who)
         if self.asker is not session:

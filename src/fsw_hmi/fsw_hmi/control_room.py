@@ -35,10 +35,15 @@ _RESUME_S = 10.0
 #: for the record: an operator lost control without releasing it
 LOST = "lose control"
 _PAGE_CLOSED = Fact.of(Loss.PAGE_CLOSED)
-_CONTROL = (
-    *("take_control", "release_control", "request_control", "withdraw_request"),
-    *("hand_over_control", "keep_control"),
-)
+#: requests about control, of a session at a time, to another session
+_CONTROL: dict[str, Callable[[Control, Session, float, Any], Answer]] = {
+    "take_control": lambda control, session, now_s, _: control.take(session, now_s),
+    "request_control": lambda control, session, now_s, _: control.request(session, now_s),
+    "withdraw_request": lambda control, session, _, __: control.withdraw(session),
+    "release_control": lambda control, session, _, __: control.give_back(session),
+    "hand_over_control": lambda control, session, _, to: control.answer(session, to, True),
+    "keep_control": lambda control, session, _, to: control.answer(session, to, False),
+}
 
 
 class _Request(BaseModel):
@@ -79,7 +84,8 @@ class ControlRoom:
         # wrong logins by client: how many, and when one was recorded last
         self._wrong: dict[str, tuple[int, float]] = {}
         self._sessions: dict[str, Session] = {}
-        self._control = Control(handover_timeout_s)
+        # a name that came with a password proves who it is
+        self._control = Control(handover_timeout_s, users.kind == "password")
         self._records: list[Order] = []
         #: why nobody has control any longer, until somebody takes it
         self.ended: Fact | None = None
@@ -277,29 +283,10 @@ class ControlRoom:
     def _change_control(
         self, session: Session, do: str, message: dict[str, Any], now_s: float
     ) -> Order:
-        if do == "take_control" and self.holder is session:
-            return Order(answer=Code.HAVE_CONTROL.done())
-        answer = self._ask_control(session, do, message, now_s)
+        answer = _CONTROL[do](self._control, session, now_s, message.get("to"))
         if answer.outcome == DONE:
             self.ended = None
-        return Order(answer=answer, kind=RequestKind.of(do), asked=do.replace("_", " "))
-
-    def _ask_control(
-        self, session: Session, do: str, message: dict[str, Any], now_s: float
-    ) -> Answer:
-        control, holder = self._control, self.holder
-        if do == "take_control":
-            # a name that came with a password proves who it is
-            proven = self.login == "password"
-            same = proven and holder is not None and holder.name == session.name
-            return control.take(session, now_s, same)
-        if do == "request_control":
-            return control.request(session, now_s)
-        if do == "withdraw_request":
-            return control.withdraw(session)
-        if do == "release_control":
-            return control.give_back(session)
-        return control.answer(session, message.get("to"), do == "hand_over_control")
+        return Order(kind=RequestKind.of(do), asked=do.replace("_", " "), answer=answer)
 
     def _command(self, session: Session, do: str, message: dict[str, Any]) -> Order:
         try:
