@@ -238,9 +238,10 @@ class ControlRoom:
         waiting = [page for page in pages if page[1].login and page[1].lost_s is None]
         return min(waiting, key=turn)[1] if waiting else None
 
-    def check(self, login: Login) -> str:
-        """Check name and password; returns the user's name, or nothing; slow, thread-safe."""
-        return self._users.check(login.name, login.password)
+    def check(self, session: Session) -> str:
+        """Check a login's password; returns the user's name, or nothing; slow, thread-safe."""
+        login = session.login
+        return self._users.check(login.name, login.password) if login else ""
 
     def on_checked(self, session: Session, user: str | None, now_s: float) -> Order:
         """Judge a login whose password is ``user``'s, nobody's if empty; None: it could not be checked."""

@@ -128,7 +128,9 @@ def _of_state(now: Situation) -> dict[str, str] | None:
 
 def _waits(state: Mapping[str, Any] | None) -> bool:
     """Whether a safe stop is yet to be acknowledged."""
-    return bool(state) and state["actual_mode"] == "safe_stop" and not state["acknowledged"]
+    if state is None:
+        return False
+    return state["actual_mode"] == "safe_stop" and not state["acknowledged"]
 
 
 def _end(now: Situation, account: Account, action: str) -> dict[str, str]:

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
-from fsw_analysis.rule_book import Check, RuleBook
+from fsw_analysis.rule_book import Bounds, RuleBook
 from fsw_analysis.weld_signals import FloatArray, TextArray
 from fsw_control.ranges import (
     COMMAND_FORCE_KN,
@@ -70,6 +70,7 @@ _QUANTITIES = {
 #: variable of each quantity that has a set-point
 ERRORS = {name: row.error for name, row in _QUANTITIES.items() if row.error}
 _LEVELS = ("warn", "trip")
+_SEVERITY: tuple[tuple[Kind, Kind], ...] = (("trip", "essential"), ("warn", "quality"))
 #: smallest steps in which set-points are typed in, chosen
 _STEPS = {"depth_mm": 0.01, "temperature_c": 0.1}
 _NAMES = [name for row in _QUANTITIES.values() for name in row.interlocks if name]
@@ -134,16 +135,6 @@ def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
     return permitted
 
 
-class _Test(NamedTuple):
-    """Permitted range of values."""
-
-    kind: Kind
-    variable: str
-    min: float | None
-    max: float | None
-    phases: tuple[str, ...] = ()
-
-
 def variables(
     values: Mapping[str, float], progress: Mapping[str, Any] | None = None
 ) -> dict[str, float]:
@@ -200,23 +191,26 @@ def outside(
     """
     flags_of_row: list[dict[str, list[Flag]]] = [{} for _ in range(phases.size)]
     for quantity in _QUANTITIES:
-        for test in _tests(quantity, book, limits.get(quantity, {})):
-            values = columns.get(test.variable)
-            if test.kind == "deviation":
+        for kind, bounds in _tests(quantity, book, limits.get(quantity, {})):
+            values = columns.get(bounds.variable)
+            if kind == "deviation":
                 values = columns[quantity] - columns[f"command_{quantity}"]
             if values is None:
                 continue
-            held = True if not test.phases else np.isin(phases.astype(str), [*test.phases, ""])
-            level, words = _WORDS[test.kind]
-            limit = test._asdict()
-            del limit["phases"]
-            for side, end, is_outside in (
-                ("low", test.min, np.less),
-                ("high", test.max, np.greater),
+            known = np.isin(phases.astype(str), [*bounds.phases, ""]) | (not bounds.phases)
+            level, words = _WORDS[kind]
+            limit = {
+                "kind": kind,
+                "variable": bounds.variable,
+                "min": bounds.min,
+                "max": bounds.max,
+            }
+            for side, violated in (
+                ("low", False if bounds.min is None else values < bounds.min),
+                ("high", False if bounds.max is None else values > bounds.max),
             ):
                 flag = {"level": level, "text": f"{words}, {side}", **limit}
-                violated = False if end is None else is_outside(values, end)
-                for row in np.flatnonzero(violated & held):
+                for row in np.flatnonzero(known & violated):
                     flags_of_row[row].setdefault(quantity, []).append(flag)
     return flags_of_row
 
@@ -233,21 +227,16 @@ def outside_now(
     return outside(columns, np.array([phase], object), book, limits)[0]
 
 
-def _tests(quantity: str, book: RuleBook, own: Mapping[str, Any]) -> Iterator[_Test]:
-    """Ranges of a quantity, in order of severity."""
-    variables = quantity, _QUANTITIES[quantity].error
-    checks = [check for check in book.checks() if check.variable in variables]
-    if "trip" in own:
-        yield _Test("trip", quantity, *own["trip"])
-    yield from (_of_check("essential", check) for check in checks if check.kind == "essential")
-    if "warn" in own:
-        yield _Test("warn", quantity, *own["warn"])
-    for check in checks:
-        if check.kind == "quality":
-            yield _of_check("quality" if check.variable == quantity else "error", check)
+def _tests(quantity: str, book: RuleBook, own: Mapping[str, Any]) -> Iterator[tuple[Kind, Bounds]]:
+    """Bounds of a quantity, in order of severity."""
+    error = _QUANTITIES[quantity].error
+    for level, kind in _SEVERITY:
+        if level in own:
+            low, high = own[level]
+            yield level, Bounds(variable=quantity, min=low, max=high)
+        for kind_of, limit in book.limits():
+            if kind_of == kind and limit.variable in (quantity, error):
+                yield "error" if kind == "quality" and limit.variable == error else kind, limit
     if "deviation" in own:
-        yield _Test("deviation", quantity, -own["deviation"], own["deviation"])
-
-
-def _of_check(kind: Kind, check: Check) -> _Test:
-    return _Test(kind, check.variable, check.min, check.max, check.phases)
+        most = own["deviation"]
+        yield "deviation", Bounds(variable=quantity, min=-most, max=most)

@@ -180,7 +180,7 @@ class LivePage:
         while (session := room.next_login()) is not None:
             user = None
             with contextlib.suppress(MemoryError, ValueError, RuntimeError):  # or at the end
-                user = await loop.run_in_executor(self._logins, room.check, session.login)
+                user = await loop.run_in_executor(self._logins, room.check, session)
             order = room.on_checked(session, user, time.monotonic())
             for page in [*self._pages]:
                 if page.session is session and not page.superseded:

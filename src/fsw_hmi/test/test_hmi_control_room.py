@@ -72,7 +72,7 @@ def handle(room, session, text, now_s):
     order = room.handle(session, text, now_s)
     if session.login is None:
         return order
-    return room.on_checked(session, room.check(session.login), now_s)
+    return room.on_checked(session, room.check(session), now_s)
 
 
 class Desk:

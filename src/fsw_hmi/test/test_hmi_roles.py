@@ -72,7 +72,7 @@ class Hall:
         self.room = ControlRoom(named_users(), **rules)
 
     def check(self, session):
-        return self.room.on_checked(session, self.room.check(session.login), self.now_s)
+        return self.room.on_checked(session, self.room.check(session), self.now_s)
 
     def news(self, *places):
         return [self.room.news(one.session, self.now_s) is not None for one in places]

@@ -347,7 +347,7 @@ class FakeHmi:
         now_s = time.monotonic()
         order = self._room.handle(session, json.dumps(request), now_s)
         if session.login:
-            order = self._room.on_checked(session, self._room.check(session.login), now_s)
+            order = self._room.on_checked(session, self._room.check(session), now_s)
         answer = order.answer
         if order.action:
             self._act(command, request)
