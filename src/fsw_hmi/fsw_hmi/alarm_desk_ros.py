@@ -9,10 +9,11 @@ from typing import Any
 from rclpy.node import Node
 
 from fsw_control import messages_ros as convert
+from fsw_control.journal import AlarmChange
 from fsw_control.topics_ros import LATCHED
 from fsw_hmi.alarm_rules import AlarmRules
 from fsw_hmi.alarm_texts import flood
-from fsw_hmi.alarms import AlarmList
+from fsw_hmi.alarms import AlarmList, Entry
 from fsw_hmi.answers import Answer, Code
 from fsw_hmi.awake import Awake
 from fsw_hmi.limits import Flag
@@ -25,7 +26,7 @@ class AlarmDesk:
     """Judges what a :class:`Watch` has received; ``setting`` as of :class:`AlarmRules`."""
 
     def __init__(self, node: Node, watch: Watch, setting: Callable[[str], float]) -> None:
-        self.list = AlarmList(flood)
+        self.list = AlarmList(flood, self._publish)
         self._awake = Awake()
         self._node, self._watch, self.now = node, watch, watch.now
         self._rules = AlarmRules(setting)
@@ -49,7 +50,6 @@ class AlarmDesk:
             "temperature_c": round(goal.temperature_c, 1),
         }
         self._replaced = replaced or None
-        self._publish()
         return changed or before != (self._reach, self._replaced)
 
     def frame(self) -> dict[str, Any]:
@@ -67,7 +67,6 @@ class AlarmDesk:
             answer = self.list.shelve(action.alarm, action.minutes, who, action.reason, now_s)
         else:
             answer = self.list.unshelve(action.alarm, who)
-        self._publish()
         return answer
 
     def _look(self, now_s: float) -> None:
@@ -87,19 +86,25 @@ class AlarmDesk:
         now.parts = watch.parts()
         now.pages = self._node.count_publishers("fsw/alarms")
 
-    def _publish(self) -> None:
-        events, self.list.events = self.list.events, []
-        for event in events:
-            self._journal.publish(
-                AlarmEvent(
-                    header=convert.header(int(self._node.get_clock().now().nanoseconds)),
-                    id=event.id,
-                    kind=int(event.kind),
-                    priority=event.alarm.priority,
-                    text=event.alarm.text,
-                    count=event.count,
-                    who=event.who,
-                    reason=event.reason,
-                    shelved_for=event.shelved_for_s,
-                )
+    def _publish(
+        self,
+        name: str,
+        kind: AlarmChange,
+        entry: Entry,
+        who: str = "",
+        reason: str = "",
+        shelved_for_s: float = 0.0,
+    ) -> None:
+        self._journal.publish(
+            AlarmEvent(
+                header=convert.header(int(self._node.get_clock().now().nanoseconds)),
+                id=name,
+                kind=int(kind),
+                priority=entry.alarm.priority,
+                text=entry.alarm.text,
+                count=entry.count,
+                who=who,
+                reason=reason,
+                shelved_for=shelved_for_s,
             )
+        )

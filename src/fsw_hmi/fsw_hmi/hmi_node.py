@@ -90,7 +90,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         files = PageFiles("live")
         listening = listen(values["host"], values["port"])
         self._received: deque[Order] = deque()
-        self._holder = ""  # of control
         self._tick_sent_s = 0.0
         self._interlocks: dict[str, float] = {}
         self._asked_leader, self._asked_s = "", float("-inf")
@@ -238,7 +237,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._on_order(self._received.popleft())
 
     def _on_order(self, order: Order) -> None:
-        self._holder = order.holder
         action, answer = order.action, partial(self._answer, order)
         if action is None:
             self._record(order, order.answer)
@@ -266,9 +264,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._done.append(done | {"server_s": round(time.time(), 3)})
         self._show("actions", {"actions": list(self._done)})
         header = convert.header(int(self.get_clock().now().nanoseconds))
-        self._actions.publish(
-            OperatorAction(header=header, holder=self._holder, kind=int(order.kind), **done)
-        )
+        more = {"holder": order.holder, "kind": int(order.kind)}
+        self._actions.publish(OperatorAction(header=header, **more, **done))
 
 
 def book_of(file: str) -> RuleBook:

@@ -95,7 +95,7 @@ class Watch:
         self.state_s = self.progress_s = float("-inf")  #: when they came, on a steady clock
         self._goes_for = ""  # the controller that told what is attainable
         self.recording: dict[str, str] = {}  #: what the recorder has reported last
-        self._parts: dict[str, dict[str, tuple[Part, float]]] = {}
+        self._parts: dict[tuple[str, str], tuple[Part, float]] = {}  # by node and part
         self._sensors: list[Subscription] = []
         self._controllers: dict[str, float] = {}
         # what is refused, the supervisor and every controller report
@@ -216,17 +216,16 @@ class Watch:
             if name is None:
                 continue
             node, _, what = (readable(word, 100) for word in name.partition(": "))
-            parts = self._parts.get(node, {})
-            if what not in parts and self._is_full(node):
+            if (node, what) not in self._parts and self._is_full(node):
                 continue
-            self._parts[node] = parts
             level = _LEVELS[min(int.from_bytes(status.level, "little"), 3)]
             values = {pair.key: pair.value for pair in status.values}
             permissive = None if "permissive" not in values else values["permissive"] == "True"
             action = readable(values.get("action", ""), 100)
             text, code = readable(status.message), readable(values.get(CODE, ""), 100)
             names = readable(values.get(f"{CODE}: names", ""))
-            parts[what] = Part(level, text, permissive, action, code, names), now_s
+            part = Part(level, text, permissive, action, code, names)
+            self._parts[node, what] = part, now_s
             if what == RECORDING:
                 self.recording = values
             if name == "fsw_supervisor: process":
@@ -242,8 +241,7 @@ class Watch:
     def _is_full(self, node: str) -> bool:
         """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""
         own = node.startswith("fsw_")
-        kept = [parts for name, parts in self._parts.items() if name.startswith("fsw_") == own]
-        return sum(map(len, kept)) >= _MOST_PARTS
+        return sum(name.startswith("fsw_") == own for name, _ in self._parts) >= _MOST_PARTS
 
     def state_frame(self) -> dict[str, Any]:
         """Content of the frame ``state``; not ``known`` is a state of a supervisor that is silent."""
@@ -257,18 +255,14 @@ class Watch:
     def parts(self) -> dict[str, dict[str, Part]]:
         """Diagnostics by node and part."""
         now_s = time.monotonic()
-        recent = {
-            node: {what: entry for what, entry in parts.items() if now_s - entry[1] <= _FORGET_S}
-            for node, parts in self._parts.items()
+        self._parts = {
+            name: entry for name, entry in self._parts.items() if now_s - entry[1] <= _FORGET_S
         }
-        self._parts = {node: parts for node, parts in recent.items() if parts}
-        return {
-            node: {
-                what: part if now_s - heard_s <= NO_REPORT_S else replace(part, level="stale")
-                for what, (part, heard_s) in sorted(parts.items())
-            }
-            for node, parts in sorted(self._parts.items())
-        }
+        by_node: dict[str, dict[str, Part]] = {}
+        for (node, what), (part, heard_s) in sorted(self._parts.items()):
+            old = now_s - heard_s > NO_REPORT_S
+            by_node.setdefault(node, {})[what] = replace(part, level="stale") if old else part
+        return by_node
 
 
 def _state(message: SupervisorState) -> dict[str, Any]:
