@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
@@ -16,7 +16,6 @@ from fsw_hmi.alarm_texts import flood
 from fsw_hmi.alarms import AlarmList, Entry
 from fsw_hmi.answers import Answer, Code
 from fsw_hmi.awake import Awake
-from fsw_hmi.limits import Flag
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch
 from fsw_msgs.msg import AlarmEvent
@@ -34,12 +33,11 @@ class AlarmDesk:
         self._replaced: dict[str, float] | None = None
         self._journal = node.create_publisher(AlarmEvent, "fsw/alarms", LATCHED)
 
-    def judge(self, outside: Mapping[str, Sequence[Flag]]) -> bool:
+    def judge(self) -> bool:
         """Determine which alarms are present; returns whether the list has changed."""
         now, now_s = self.now, time.monotonic()
         self._awake.look(now_s)
         self._look(now_s)
-        now.outside = outside
         present = self._rules.present(now, now_s)
         changed = self.list.update(present, now_s)
         listed = {name: entry.alarm for name, entry in self.list.entries.items() if entry.present}
@@ -61,13 +59,11 @@ class AlarmDesk:
         """Carry out an operator's request."""
         if isinstance(action, Acknowledge):
             ids = action.ids if action.up_to is None else self.list.waiting(action.up_to)
-            answer = Code.ACKNOWLEDGED.done(count=self.list.acknowledge(ids, who))
-        elif isinstance(action, Shelve):
-            now_s = time.monotonic()
-            answer = self.list.shelve(action.alarm, action.minutes, who, action.reason, now_s)
-        else:
-            answer = self.list.unshelve(action.alarm, who)
-        return answer
+            return Code.ACKNOWLEDGED.done(count=self.list.acknowledge(ids, who))
+        if isinstance(action, Unshelve):
+            return self.list.unshelve(action.alarm, who)
+        shelved = action.alarm, action.minutes, who, action.reason
+        return self.list.shelve(*shelved, time.monotonic())
 
     def _look(self, now_s: float) -> None:
         """Determine ages, without the time in which this process stood still."""

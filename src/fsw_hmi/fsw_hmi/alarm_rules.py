@@ -105,10 +105,6 @@ class Situation:
     pages: int = 1  #: servers of an operator's page in the graph
     leader: str = ""  #: identity of the supervisor that leads
 
-    def value(self, column: str) -> float:
-        """A value of the newest row."""
-        return self.values.get(column, nan)
-
 
 class AlarmRules:
     """Says which alarms are present; how long they must last is for the list.
@@ -301,7 +297,8 @@ class AlarmRules:
 
     def _reachable(self, now: Situation, alarms: dict[str, Alarm]) -> None:
         """Set-points that the controller replaces by what the drives can hold."""
-        asked = Reference(now.value("reference_depth_mm"), now.value("reference_temperature_c"))
+        value = now.values.get
+        asked = Reference(value("reference_depth_mm", nan), value("reference_temperature_c", nan))
         goal = now.attainable
         why = out_of_reach(asked, goal) if goal and self._measures(now) else None
         self.replaced = goal if why else None

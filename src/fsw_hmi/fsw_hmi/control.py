@@ -22,6 +22,7 @@ class Login(NamedTuple):
     id: int  #: of the request
     name: str
     password: str
+    asked_s: float
 
 
 @dataclass(slots=True, eq=False)

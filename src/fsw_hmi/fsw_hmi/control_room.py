@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hmac
 import secrets
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -83,7 +82,8 @@ class ControlRoom:
         self._users, self._local_stop = users, local_stop
         # wrong logins by client: how many, and when one was recorded last
         self._wrong: dict[str, tuple[int, float]] = {}
-        self._sessions: dict[str, Session] = {}
+        self._longest_first = False  # the next login to be checked has waited for longest
+        self._sessions: dict[str, Session] = {}  # by token, in the order of opening
         # a name that came with a password proves who it is
         self._control = Control(handover_timeout_s, users.kind == "password")
         self._records: list[Order] = []
@@ -100,17 +100,16 @@ class ControlRoom:
     def join(self, address: str = "", resume: str = "") -> Session:
         """A page was opened by a browser at this address, or connects again with its token."""
         client = security.client_of(address)
-        for session in self._sessions.values():
-            same = hmac.compare_digest(_bytes(session.token), _bytes(resume))
-            if same and session.client == client:
-                session.lost_s = None
-                return session
-        number = secrets.token_hex(3)
-        while number in self._sessions:
-            number = secrets.token_hex(3)
+        session = self._sessions.get(resume)
+        if session is not None and session.client == client:
+            session.lost_s = None
+            return session
+        numbers = {one.id for one in self._sessions.values()}
+        while (number := secrets.token_hex(3)) in numbers:
+            pass
         local_stop = self._local_stop and security.is_loopback(address)
         token = secrets.token_urlsafe(16)
-        self._sessions[number] = session = Session(number, client, local_stop, token)
+        self._sessions[token] = session = Session(number, client, local_stop, token)
         return session
 
     def lose(self, session: Session, now_s: float) -> None:
@@ -122,7 +121,7 @@ class ControlRoom:
 
     def leave(self, session: Session, why: Fact = _PAGE_CLOSED) -> None:
         """A page was closed."""
-        self._sessions.pop(session.id, None)
+        self._sessions.pop(session.token, None)
         self._free(session, why)
 
     def tick(self, now_s: float) -> list[Order]:
@@ -192,7 +191,7 @@ class ControlRoom:
         if not session.may_ask(now_s):
             return self._offence(session, Code.TOO_MANY)
         if do == "login":
-            return self._login(session, request.id, message)
+            return self._login(session, request.id, message, now_s)
         if not session.name:
             return Order(answer=Code.LOG_IN.refused())
         if do in _CONTROL:
@@ -205,7 +204,9 @@ class ControlRoom:
 
     # ---------------------------------------------------------------- login
 
-    def _login(self, session: Session, request: int, message: dict[str, Any]) -> Order:
+    def _login(
+        self, session: Session, request: int, message: dict[str, Any], now_s: float
+    ) -> Order:
         name, given = (
             value if isinstance(value := message.get(key), str) else ""
             for key in ("name", self.login)
@@ -218,25 +219,31 @@ class ControlRoom:
             return Order(answer=Code.BUSY.timed_out())
         if len(given) > LONGEST:
             return Order(answer=Code.TOO_LONG.refused(longest=LONGEST))
-        session.login = Login(request, name, given)
+        session.login = Login(request, name, given, now_s)
         return Order()
 
     def next_login(self) -> Session | None:
         """The open page whose password is to be checked next; None if none waits.
 
-        That of the client, and then of its page, with the fewest wrong ones so far: who guesses
-        waits for those who do not. Of clients without a wrong one the newest page comes first, as
-        it may be that of an operator among many that begin to guess.
+        By turns the one that has waited for longest, so that nobody waits for ever, and the one of
+        the client, then the page, with the fewest wrong ones so far: who guesses waits for those
+        who do not. Of clients without a wrong one the newest login comes first, as it may be that
+        of an operator among many that begin to guess.
         """
+        waiting = sorted(
+            (session.login.asked_s, place, session)
+            for place, session in enumerate(self._sessions.values())
+            if session.login and session.lost_s is None
+        )
+        pages = [session for _, _, session in waiting]
+        if self._longest_first or not pages:
+            return pages[0] if pages else None
 
-        def turn(page: tuple[int, Session]) -> tuple[int, int, int]:
-            place, session = page
-            count, _ = self._wrong.get(session.client, _NONE_WRONG)
-            return count, session.wrong, place if count else -place
+        def turn(place: int) -> tuple[int, int, int]:
+            count, _ = self._wrong.get(pages[place].client, _NONE_WRONG)
+            return count, pages[place].wrong, place if count else -place
 
-        pages = enumerate(self._sessions.values())
-        waiting = [page for page in pages if page[1].login and page[1].lost_s is None]
-        return min(waiting, key=turn)[1] if waiting else None
+        return pages[min(range(len(pages)), key=turn)]
 
     def check(self, session: Session) -> str:
         """Check a login's password; returns the user's name, or nothing; slow, thread-safe."""
@@ -246,6 +253,7 @@ class ControlRoom:
     def on_checked(self, session: Session, user: str | None, now_s: float) -> Order:
         """Judge a login whose password is ``user``'s, nobody's if empty; None: it could not be checked."""
         login, session.login = session.login, None
+        self._longest_first = not self._longest_first
         assert login is not None
         return self._signed(self._judge_login(session, login, user, now_s), session, login.id)
 
@@ -303,7 +311,3 @@ class ControlRoom:
 
 def _order(do: str, action: Action) -> Order:
     return Order(action=action, kind=RequestKind.of(do), asked=str(action))
-
-
-def _bytes(text: str) -> bytes:
-    return text.encode("utf-8", "surrogatepass")

@@ -40,7 +40,6 @@ from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.headline import headline
 from fsw_hmi.limits import (
     PARAMETERS,
-    Flag,
     limits,
     outside_now,
     reference,
@@ -70,8 +69,6 @@ _ASK_AGAIN_S = 5.0
 _SIMULATED_SILENCE = 10.0
 #: actions on the page, at most
 _MOST_ACTIONS = 50
-#: parameters of operators' control
-_CONTROL = ("local_stop", "handover_timeout_s")
 
 
 class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
@@ -99,7 +96,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._book = book_of(values["procedure"])
         self._desk = AlarmDesk(self, self._watch, self._setting)
         self._weld = LiveWeld(self._book)
-        self._outside: dict[str, list[Flag]] = {}
         self._stopping, self._recording = StopProgress(), Recording()
         self._headline: dict[str, str] = {}
         self._account: dict[str, Any] | None = None
@@ -107,7 +103,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._register = StopRegister()
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
-        self._room = ControlRoom(known, **{name: values[name] for name in _CONTROL})
+        self._room = ControlRoom(known, values["local_stop"], values["handover_timeout_s"])
         self._page = LivePage(files, self._room, self._deliver, listening.gate.touch)
         hosts = values["host"], *values["allow_hosts"]
         app = application(self._page.routes(), hosts, listening.gate)
@@ -158,12 +154,12 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             shown = None
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
-                self._outside = outside_now(
-                    now.values, self._watch.programme(), self._book, self._limits()
+                now.outside = outside_now(
+                    now.values, self._watch.programme(), self._book, self._limits
                 )
                 values = {**now.values, "time_s": tick.stamp_ns / NANOSECONDS}
                 stop = self._stopping.at(self._watch.stopped, values, safe_state(self._interlocks))
-                rest = f'"flags":{json.dumps(worst(self._outside))},"stop":{json.dumps(stop)}'
+                rest = f'"flags":{json.dumps(worst(now.outside))},"stop":{json.dumps(stop)}'
                 shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},{rest}}}'
             self._web.call(partial(self._page.tick, text, shown, now_s))
 
@@ -178,11 +174,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._headline = line
             self._show("headline", line)
 
-    def _limits(self) -> dict[str, dict[str, Any]]:
-        return limits(self._interlocks, self._book)
-
     def _say_hello(self) -> None:
-        hello = {"limits": self._limits(), "reference": reference(self._interlocks)}
+        self._limits = limits(self._interlocks, self._book)
+        hello = {"limits": self._limits, "reference": reference(self._interlocks)}
         self._web.call(partial(self._page.set_hello, hello))
 
     # ---------------------------------------------------------------- now and then
@@ -190,7 +184,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     def _look(self) -> None:
         self._orders.look()
         self._watch.look()
-        if self._desk.judge(self._outside):
+        if self._desk.judge():
             self._show("alarms", self._desk.frame())
         self._show_headline()
 

@@ -89,7 +89,7 @@ class Watch:
         self._known_heat_share = nan  # that the controller which commands uses
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
-        self.now = Situation()  #: what has been heard, without its age
+        self.now = Situation()  #: what has been heard; :class:`AlarmDesk` adds how old it is
         self.progress: dict[str, Any] | None = None  #: as the page gets it
         self.source = ""  #: who computed the last command
         self.state_s = self.progress_s = float("-inf")  #: when they came, on a steady clock
