@@ -59,11 +59,6 @@ _PREDICTION_PERIOD_S = 0.5
 _LEVELS = ("ok", "warn", "error", "stale")
 _WORDS = ("target_controller", "actual_controller", "target_mode", "actual_mode")
 _MOST_CONTROLLERS = 20
-#: before the supervisor has reported
-NO_STATE: dict[str, Any] = {
-    **dict.fromkeys((*_WORDS, "reason"), ""),
-    **{"controllers": [], "interlocks": [], "acknowledged": False},
-}
 #: what can be a part of a topic's name
 _NAME = re.compile("[A-Za-z]([A-Za-z0-9_]{0,98}[A-Za-z0-9])?")
 
@@ -249,7 +244,7 @@ class Watch:
             "known": time.monotonic() - self.state_s <= NO_REPORT_S,
             "known_heat_share": short(self._known_heat_share),
             "standby": standby_ready(self.parts()),
-            **(self.now.state or NO_STATE),
+            **(self.now.state or _state(SupervisorState())),
         }
 
     def parts(self) -> dict[str, dict[str, Part]]:
