@@ -3,8 +3,9 @@
 import pytest
 from playwright.sync_api import expect
 
+from fsw_hmi.alarm_rules import Situation
 from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
-from fsw_hmi.headline import Now, headline
+from fsw_hmi.headline import headline
 from fsw_test_support.browser import shot
 from fsw_test_support.page_steps import ready
 
@@ -56,7 +57,7 @@ def test_stopped_weld_cannot_be_continued_and_its_tool_still_turns(fake, page):
 def test_end_of_a_weld_that_the_headline_does_not_know_yet_says_nothing_of_what_is_next(
     fake, page, monkeypatch
 ):
-    monkeypatch.setattr(fake, "_headline", lambda: {"t": "headline", **headline(Now())})
+    monkeypatch.setattr(fake, "_headline", lambda: {"t": "headline", **headline(Situation())})
     fake.progress["state"] = "done"
     fake.push()
     end = page.locator(".end-screen")

@@ -22,7 +22,7 @@ def until_alarm(weld, desk, name, state, text=""):
     """Judge until the operator's page shows an alarm, in a state and with a text."""
 
     def is_so():
-        desk.judge({})
+        desk.judge()
         entry = desk.list.entries.get(name)
         return entry is not None and entry.state == state and text in entry.alarm.text
 
@@ -33,7 +33,7 @@ def until_reached(weld, desk):
     """Judge until the operator's page says that commands reach the machine, which no alarm then denies."""
 
     def is_so():
-        desk.judge({})
+        desk.judge()
         return desk.frame()["reach"]["ok"]
 
     weld.until(is_so, "commands to reach the machine")

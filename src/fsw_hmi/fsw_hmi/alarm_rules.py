@@ -23,7 +23,7 @@ from fsw_hmi.alarm_texts import (
     tripped,
 )
 from fsw_hmi.alarms import STOP_ID, Alarm
-from fsw_hmi.standing import Flag
+from fsw_hmi.limits import Flag
 
 #: time without reports of a node after which that is an alarm
 NO_REPORT_S = 3.5
@@ -104,10 +104,6 @@ class Situation:
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
     pages: int = 1  #: servers of an operator's page in the graph
     leader: str = ""  #: identity of the supervisor that leads
-
-    def value(self, column: str) -> float:
-        """A value of the newest row."""
-        return self.values.get(column, nan)
 
 
 class AlarmRules:
@@ -301,7 +297,8 @@ class AlarmRules:
 
     def _reachable(self, now: Situation, alarms: dict[str, Alarm]) -> None:
         """Set-points that the controller replaces by what the drives can hold."""
-        asked = Reference(now.value("reference_depth_mm"), now.value("reference_temperature_c"))
+        value = now.values.get
+        asked = Reference(value("reference_depth_mm", nan), value("reference_temperature_c", nan))
         goal = now.attainable
         why = out_of_reach(asked, goal) if goal and self._measures(now) else None
         self.replaced = goal if why else None

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from fsw_control.cause import Cause, Severity
 from fsw_control.schema.yaml_text import load_yaml
 from fsw_hmi.alarms import Alarm, Priority
-from fsw_hmi.standing import Flag
+from fsw_hmi.limits import Flag
 
 #: advice that only helps while the weld is controlled
 _OF_SET_POINTS = ("raise_temperature", "lower_temperature", "lower_depth")

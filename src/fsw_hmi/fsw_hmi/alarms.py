@@ -53,19 +53,6 @@ class Alarm:
         return f"{self.what}: {self.why}" if self.why else self.what
 
 
-@dataclass(frozen=True, slots=True)
-class Event:
-    """A line of the journal."""
-
-    id: str
-    kind: AlarmChange
-    alarm: Alarm
-    count: int
-    who: str = ""
-    reason: str = ""
-    shelved_for_s: float = 0.0
-
-
 @dataclass(slots=True)
 class Entry:
     """An alarm in the list."""
@@ -119,13 +106,17 @@ class AlarmList:
     One that comes back before it was acknowledged has a new time and a count. Of each trip the
     alarm that came first is marked until the trip is acknowledged: most that follow are
     consequences. ``flood`` makes the alarm that stands for so many of a group that come at once; a
-    trip is always listed.
+    trip is always listed. ``journal`` gets each change: the alarm's name, what changed, its entry,
+    and of what a person did who asked for it, why, and for how long in s.
     """
 
-    def __init__(self, flood: Callable[[int, Priority], Alarm]) -> None:
-        self._flood = flood
+    def __init__(
+        self,
+        flood: Callable[[int, Priority], Alarm],
+        journal: Callable[..., object] = lambda *_: None,
+    ) -> None:
+        self._flood, self._journal = flood, journal
         self.entries: dict[str, Entry] = {}
-        self.events: list[Event] = []  #: what has happened since the caller last emptied it
         self._coming_s: dict[str, float] = {}
         self._new_s: dict[str, deque[float]] = {}
         self.grouped: dict[str, str] = {}  #: present, but only counted in a flood
@@ -189,7 +180,7 @@ class AlarmList:
             self._number += 1
             entry.show_again(self._number)
             entry.show_if_high()
-            self._log(name, AlarmChange.WORSENED, entry)
+            self._journal(name, AlarmChange.WORSENED, entry)
         if alarm.trip and not before.trip:
             self._mark_first(name, entry, now_s)
         return True
@@ -205,7 +196,7 @@ class AlarmList:
             self._unshelve_if_other(name, entry, before)
             entry.raised_s, entry.number, entry.count = now_s, self._number, entry.count + 1
             entry.show_if_high()
-        self._log(name, AlarmChange.RE_RAISED if again else AlarmChange.RAISED, entry)
+        self._journal(name, AlarmChange.RE_RAISED if again else AlarmChange.RAISED, entry)
         if alarm.trip:
             self._mark_first(name, entry, now_s)
 
@@ -220,7 +211,7 @@ class AlarmList:
         if now_s - entry.absent_s < entry.alarm.off_s:
             return False
         entry.present = False
-        self._log(name, AlarmChange.CLEARED, entry)
+        self._journal(name, AlarmChange.CLEARED, entry)
         if entry.acknowledged and entry.shelved_until_s is None:
             del self.entries[name]
         return True
@@ -246,10 +237,6 @@ class AlarmList:
             if entry.led_to == trip:
                 entry.led_to = ""
 
-    def _log(self, name: str, kind: AlarmChange, entry: Entry, *more: Any) -> None:
-        """Add a line of the journal; ``more`` is who asked for it, why and for how long."""
-        self.events.append(Event(name, kind, entry.alarm, entry.count, *more))
-
     # ---------------------------------------------------------------- what people do
 
     def acknowledge(self, names: Iterable[str], who: str) -> int:
@@ -261,7 +248,7 @@ class AlarmList:
                 continue
             count += 1
             entry.acknowledged, entry.first = True, ""
-            self._log(name, AlarmChange.ACKNOWLEDGED, entry, who)
+            self._journal(name, AlarmChange.ACKNOWLEDGED, entry, who)
             self._unmark_first(name)
             if not entry.present:
                 del self.entries[name]
@@ -280,7 +267,7 @@ class AlarmList:
         if entry.alarm.priority == "high":
             return Code.HIGH_PRIORITY.refused()
         entry.shelved_until_s, entry.shelved = now_s + 60.0 * minutes, f"{who}: {reason}"
-        self._log(name, AlarmChange.SHELVED, entry, who, reason, 60.0 * minutes)
+        self._journal(name, AlarmChange.SHELVED, entry, who, reason, 60.0 * minutes)
         return Code.SHELVED.done()
 
     def unshelve(self, name: str, who: str) -> Answer:
@@ -289,7 +276,7 @@ class AlarmList:
         if entry is None or entry.shelved_until_s is None:
             return Code.NOT_SHELVED.refused()
         entry.shelved_until_s, entry.shelved = None, ""
-        self._log(name, AlarmChange.UNSHELVED, entry, who)
+        self._journal(name, AlarmChange.UNSHELVED, entry, who)
         if entry.present:
             self._number += 1
             entry.show_again(self._number)

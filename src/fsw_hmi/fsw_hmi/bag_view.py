@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,7 @@ from fsw_analysis.weld_signals import SIMULATED_NS, FloatArray, WeldSignals
 from fsw_control.sensors import OPTIONAL, SENSORS
 from fsw_control.units import KW_PER_NM_RPM, NANOSECONDS
 from fsw_hmi.frames import COLUMNS, SIGNALS, short
-from fsw_hmi.limits import limits
-from fsw_hmi.standing import flags
+from fsw_hmi.limits import ERRORS, flags, limits
 from fsw_recorder.errors import BagError
 from fsw_recorder.manifest import not_as_recorded
 
@@ -32,19 +31,12 @@ MOST_BAGS = 2
 class BagView:
     """A recorded weld in the page's format, ready for JSON."""
 
+    columns = (*COLUMNS, "mode", "controller", "phase", "flags")
     summary: dict[str, Any]  #: name, duration, events, judgement and problems
-    columns: tuple[str, ...] = (
-        *COLUMNS,
-        "mode",
-        "controller",
-        "phase",
-        "flags",
-    )  #: the last ones in words
-    #: one per tick, None where unknown; scenario time, with the first tick
-    #: at 0.1 s
-    rows: list[list[Any]] = field(default_factory=list)
+    #: one per tick, None where unknown; scenario time, with the first tick at 0.1 s
+    rows: list[list[Any]]
     #: as on the live page, with the interlocks that the supervisor was recorded with
-    limits: dict[str, Any] = field(default_factory=dict)
+    limits: dict[str, Any]
 
 
 def load(
@@ -91,7 +83,7 @@ def view(signals: WeldSignals, name: str) -> BagView:
         "problems": problems,
     }
     own = limits(parameters, book)
-    return BagView(summary, rows=_rows(signals, book, own), limits=own)
+    return BagView(summary, _rows(signals, book, own), own)
 
 
 def _rows(
@@ -117,16 +109,11 @@ def _rows(
     numbers = [map(short, columns[name].tolist()) for name in COLUMNS[1:]]
     time_s = np.round(signals.time_s, 3).tolist()
     phases = signals.phase_names()
-    wrong = flags(columns | _errors_of(signals), phases, book, limits)
+    for quantity, error in ERRORS.items():
+        columns[error] = columns[quantity] - getattr(signals, f"programme_{quantity}")
+    wrong = flags(columns, phases, book, limits)
     texts = signals.actual_mode, signals.actual_controller, phases
     return list(map(list, zip(time_s, *numbers, *texts, wrong, strict=True)))
-
-
-def _errors_of(signals: WeldSignals) -> dict[str, FloatArray]:
-    return {
-        "depth_error_mm": signals.depth_mm - signals.programme_depth_mm,
-        "temperature_error_c": signals.temperature_c - signals.programme_temperature_c,
-    }
 
 
 def _solve_time_s(signals: WeldSignals) -> FloatArray:

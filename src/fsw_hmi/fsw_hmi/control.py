@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from fsw_control.coded import Fact
 from fsw_hmi.answers import Answer, Code, Note
@@ -14,6 +14,15 @@ from fsw_hmi.answers import Answer, Code, Note
 _LAPSE_S = 60.0
 #: requests of a session in any second; safe stops do not count
 _MOST_REQUESTS = 10
+
+
+class Login(NamedTuple):
+    """A login whose password is yet to be checked."""
+
+    id: int  #: of the request
+    name: str
+    password: str
+    asked_s: float
 
 
 @dataclass(slots=True, eq=False)
@@ -28,6 +37,8 @@ class Session:
     name: str = ""  #: of the person; empty before the login
     note: Fact | None = None  #: what happened to its control, for its page
     known: dict[str, Any] = field(default_factory=dict)  #: what its page has been told of control
+    login: Login | None = None
+    wrong: int = 0  #: passwords so far
     offences: int = 0
     asked_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST_REQUESTS))
 
@@ -52,11 +63,12 @@ class Session:
 class Control:
     """Control as a state machine: free or held, and while held requested by at most one other.
 
-    Control that was asked for may be taken without an answer after ``answer_s``.
+    Control that was asked for may be taken without an answer after ``answer_s``, and the same
+    person's at any time where names are ``proven``.
     """
 
-    def __init__(self, answer_s: float) -> None:
-        self._answer_s = answer_s
+    def __init__(self, answer_s: float, proven: bool) -> None:
+        self._answer_s, self._proven = answer_s, proven
         self._asked_s = 0.0
         self.holder: Session | None = None
         self.asker: Session | None = None
@@ -74,7 +86,7 @@ class Control:
             "request": asker and _of(asker) | {"left_s": left_s, "you": asker is session},
         }
 
-    def take(self, session: Session, now_s: float, same_person: bool = False) -> Answer:
+    def take(self, session: Session, now_s: float) -> Answer:
         """Take control that is free, the same person's, or was asked for in vain."""
         holder = self.holder
         if holder is session:
@@ -82,7 +94,7 @@ class Control:
         if holder is None:
             self._give(session)
             return Code.TAKEN.done()
-        if same_person:
+        if self._proven and holder.name == session.name:
             self._give(session, Fact.of(Note.TAKEN_BY_OWN, session=session.id))
             return Code.TAKEN_FROM_OWN.done(holder=holder.who)
         if self.asker is not session:

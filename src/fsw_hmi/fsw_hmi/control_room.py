@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import hmac
 import secrets
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import inf
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -15,15 +15,15 @@ from fsw_control.journal import RequestKind
 from fsw_control.schema.models import InputError, json_content_of
 from fsw_hmi import security
 from fsw_hmi.answers import DONE, REFUSED, Answer, Code, Loss, Note, invalid
-from fsw_hmi.control import Control, Session
+from fsw_hmi.control import Control, Login, Session
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, Users, checked_name
 
 #: after so many malformed or hasty requests a page is shut out
 _MOST_OFFENCES = 20
-#: passwords that are checked or wait for it, at most: of one client, so few that a guesser delays
-#: nobody elsewhere by more than two checks, and of all; of a session one (chosen)
-_OF_CLIENT, _OF_ALL = 2, 64
+#: clients whose wrong logins are counted, at most (chosen)
+_MOST_CLIENTS = 4096
+_NONE_WRONG = 0, -inf
 #: of the wrong logins of a client one is recorded in so long (chosen)
 _RECORD_S = 60.0
 #: not answered here
@@ -34,25 +34,15 @@ _RESUME_S = 10.0
 #: for the record: an operator lost control without releasing it
 LOST = "lose control"
 _PAGE_CLOSED = Fact.of(Loss.PAGE_CLOSED)
-_CONTROL = (
-    *("take_control", "release_control", "request_control", "withdraw_request"),
-    *("hand_over_control", "keep_control"),
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """Decision about a message of a page."""
-
-    id: int | None = None  #: of the request; without one nothing is answered
-    #: empty when ``action`` is to be carried out or ``credentials`` to be checked first
-    answer: Answer = UNDECIDED
-    action: Action | None = None
-    kind: RequestKind = RequestKind.UNKNOWN  #: what was asked for
-    asked: str = ""  #: the same in words, when it has to be recorded; empty when not
-    close: bool = False  #: whether the page is to be shut out
-    #: name and password to be checked; then :meth:`ControlRoom.on_checked` judges
-    credentials: tuple[str, str] | None = None
+#: requests about control, of a session at a time, to another session
+_CONTROL: dict[str, Callable[[Control, Session, float, Any], Answer]] = {
+    "take_control": lambda control, session, now_s, _: control.take(session, now_s),
+    "request_control": lambda control, session, now_s, _: control.request(session, now_s),
+    "withdraw_request": lambda control, session, _, __: control.withdraw(session),
+    "release_control": lambda control, session, _, __: control.give_back(session),
+    "hand_over_control": lambda control, session, _, to: control.answer(session, to, True),
+    "keep_control": lambda control, session, _, to: control.answer(session, to, False),
+}
 
 
 class _Request(BaseModel):
@@ -66,15 +56,18 @@ class _Request(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """An action for the graph; without one, the record of a request that was refused."""
+    """Decision about a message of a page, and what is to be recorded of it."""
 
-    who: str  #: name and session
-    kind: RequestKind  #: what was asked for
-    asked: str  #: the same in words
-    answer: Answer = UNDECIDED  #: for the record
+    who: str = ""  #: name and session
+    kind: RequestKind = RequestKind.UNKNOWN  #: what was asked for
+    asked: str = ""  #: the same in words, when it has to be recorded; empty when not
+    #: undecided when ``action`` is to be carried out, or while a password is to be checked
+    answer: Answer = UNDECIDED
     action: Action | None = None
+    id: int | None = None  #: of the request; without one nothing is answered
+    close: bool = False  #: whether the page is to be shut out
+    holder: str = ""  #: who has control then
     reply: Callable[[Answer], None] = lambda _: None  #: gets the outcome, in the server's loop
-    holder: str = ""  #: who has control when it is delivered
 
 
 class ControlRoom:
@@ -87,10 +80,12 @@ class ControlRoom:
         self, users: Users, local_stop: bool = True, handover_timeout_s: float = 30.0
     ) -> None:
         self._users, self._local_stop = users, local_stop
-        self._waiting: dict[str, str] = {}  # client of each session that waits for a check
-        self._sessions: dict[str, Session] = {}
-        self._control = Control(handover_timeout_s)
-        self._recorded_s: dict[str, float] = {}  # when a wrong login of each client was
+        # wrong logins by client: how many, and when one was recorded last
+        self._wrong: dict[str, tuple[int, float]] = {}
+        self._longest_first = False  # the next login to be checked has waited for longest
+        self._sessions: dict[str, Session] = {}  # by token, in the order of opening
+        # a name that came with a password proves who it is
+        self._control = Control(handover_timeout_s, users.kind == "password")
         self._records: list[Order] = []
         #: why nobody has control any longer, until somebody takes it
         self.ended: Fact | None = None
@@ -105,17 +100,16 @@ class ControlRoom:
     def join(self, address: str = "", resume: str = "") -> Session:
         """A page was opened by a browser at this address, or connects again with its token."""
         client = security.client_of(address)
-        for session in self._sessions.values():
-            same = hmac.compare_digest(_bytes(session.token), _bytes(resume))
-            if same and session.client == client:
-                session.lost_s = None
-                return session
-        number = secrets.token_hex(3)
-        while number in self._sessions:
-            number = secrets.token_hex(3)
+        session = self._sessions.get(resume)
+        if session is not None and session.client == client:
+            session.lost_s = None
+            return session
+        numbers = {one.id for one in self._sessions.values()}
+        while (number := secrets.token_hex(3)) in numbers:
+            pass
         local_stop = self._local_stop and security.is_loopback(address)
         token = secrets.token_urlsafe(16)
-        self._sessions[number] = session = Session(number, client, local_stop, token)
+        self._sessions[token] = session = Session(number, client, local_stop, token)
         return session
 
     def lose(self, session: Session, now_s: float) -> None:
@@ -127,7 +121,7 @@ class ControlRoom:
 
     def leave(self, session: Session, why: Fact = _PAGE_CLOSED) -> None:
         """A page was closed."""
-        self._sessions.pop(session.id, None)
+        self._sessions.pop(session.token, None)
         self._free(session, why)
 
     def tick(self, now_s: float) -> list[Order]:
@@ -137,7 +131,7 @@ class ControlRoom:
                 self.leave(session, Fact.of(Loss.NOT_CONNECTED, limit_s=_RESUME_S))
         self._control.lapse(now_s)
         records, self._records = self._records, []
-        return records
+        return [replace(record, holder=self._holder) for record in records]
 
     def _free(self, session: Session, why: Fact) -> None:
         """Remove a session's control, or its request for control."""
@@ -151,6 +145,10 @@ class ControlRoom:
     def holder(self) -> Session | None:
         """Session in control."""
         return self._control.holder
+
+    @property
+    def _holder(self) -> str:
+        return self.holder.who if self.holder else ""
 
     def control(self, session: Session, now_s: float) -> dict[str, Any]:
         """Content of the frame ``control`` for a session."""
@@ -175,35 +173,40 @@ class ControlRoom:
 
     # ---------------------------------------------------------------- requests
 
-    def handle(self, session: Session, text: str | None, now_s: float) -> Verdict:
+    def handle(self, session: Session, text: str | None, now_s: float) -> Order:
         """Judge a message of a page; None: not a text message. Never raises."""
         try:
             request = _Request.model_validate(json_content_of(text or "", "request"))
         except ValueError:
             return self._offence(session, Code.MALFORMED)
-        return replace(self._judge(session, request, now_s), id=request.id)
+        return self._signed(self._judge(session, request, now_s), session, request.id)
 
-    def _judge(self, session: Session, request: _Request, now_s: float) -> Verdict:
+    def _signed(self, order: Order, session: Session, request: int) -> Order:
+        return replace(order, id=request, who=session.who, holder=self._holder)
+
+    def _judge(self, session: Session, request: _Request, now_s: float) -> Order:
         do, message = request.do, request.model_extra or {}
         if do == "safe_stop" and session.may_stop:  # before every limit
             return _order(do, SafeStop())
         if not session.may_ask(now_s):
             return self._offence(session, Code.TOO_MANY)
         if do == "login":
-            return self._login(session, message)
+            return self._login(session, request.id, message, now_s)
         if not session.name:
-            return Verdict(answer=Code.LOG_IN.refused())
+            return Order(answer=Code.LOG_IN.refused())
         if do in _CONTROL:
             return self._change_control(session, do, message, now_s)
         return self._command(session, do, message)
 
-    def _offence(self, session: Session, why: Code) -> Verdict:
+    def _offence(self, session: Session, why: Code) -> Order:
         session.offences += 1
-        return Verdict(answer=why.refused(), close=session.offences > _MOST_OFFENCES)
+        return Order(answer=why.refused(), close=session.offences > _MOST_OFFENCES)
 
     # ---------------------------------------------------------------- login
 
-    def _login(self, session: Session, message: dict[str, Any]) -> Verdict:
+    def _login(
+        self, session: Session, request: int, message: dict[str, Any], now_s: float
+    ) -> Order:
         name, given = (
             value if isinstance(value := message.get(key), str) else ""
             for key in ("name", self.login)
@@ -211,95 +214,100 @@ class ControlRoom:
         try:
             name = checked_name(name.strip())
         except RefusedError as error:
-            return Verdict(answer=Answer(REFUSED, error.fact.code, error.fact.words))
-        clients, client = list(self._waiting.values()), session.client
-        full = len(clients) >= _OF_ALL or clients.count(client) >= _OF_CLIENT
-        if session.id in self._waiting or full:
-            return Verdict(answer=Code.BUSY.timed_out())
+            return Order(answer=Answer(REFUSED, error.fact.code, error.fact.words))
+        if session.login is not None:
+            return Order(answer=Code.BUSY.timed_out())
         if len(given) > LONGEST:
-            return Verdict(answer=Code.TOO_LONG.refused(longest=LONGEST))
-        self._waiting[session.id] = client
-        return Verdict(credentials=(name, given))
+            return Order(answer=Code.TOO_LONG.refused(longest=LONGEST))
+        session.login = Login(request, name, given, now_s)
+        return Order()
 
-    def check(self, name: str, password: str) -> str:
-        """Check name and password; returns the user's name, or nothing; slow, thread-safe."""
-        return self._users.check(name, password)
+    def next_login(self) -> Session | None:
+        """The open page whose password is to be checked next; None if none waits.
 
-    def on_checked(
-        self, session: Session, credentials: tuple[str, str], user: str, now_s: float
-    ) -> Verdict:
-        """Judge a login after its password has been checked; ``user`` owns the password."""
-        self._waiting.pop(session.id, None)
+        By turns the one that has waited for longest, so that nobody waits for ever, and the one of
+        the client, then the page, with the fewest wrong ones so far: who guesses waits for those
+        who do not. Of clients without a wrong one the newest login comes first, as it may be that
+        of an operator among many that begin to guess.
+        """
+        waiting = sorted(
+            (session.login.asked_s, place, session)
+            for place, session in enumerate(self._sessions.values())
+            if session.login and session.lost_s is None
+        )
+        pages = [session for _, _, session in waiting]
+        if self._longest_first or not pages:
+            return pages[0] if pages else None
+
+        def turn(place: int) -> tuple[int, int, int]:
+            count, _ = self._wrong.get(pages[place].client, _NONE_WRONG)
+            return count, pages[place].wrong, place if count else -place
+
+        return pages[min(range(len(pages)), key=turn)]
+
+    def check(self, session: Session) -> str:
+        """Check a login's password; returns the user's name, or nothing; slow, thread-safe."""
+        login = session.login
+        return self._users.check(login.name, login.password) if login else ""
+
+    def on_checked(self, session: Session, user: str | None, now_s: float) -> Order:
+        """Judge a login whose password is ``user``'s, nobody's if empty; None: it could not be checked."""
+        login, session.login = session.login, None
+        self._longest_first = not self._longest_first
+        assert login is not None
+        return self._signed(self._judge_login(session, login, user, now_s), session, login.id)
+
+    def _judge_login(
+        self, session: Session, login: Login, user: str | None, now_s: float
+    ) -> Order:
+        if user is None:
+            return Order(answer=Code.BUSY.timed_out())
         if not user:
-            return self._wrong_login(session, credentials[0], now_s)
+            return self._wrong_login(session, login.name, now_s)
         if session.name != user:
             # what one person has, another does not get by a login
             self._free(session, Fact.of(Loss.OTHER_LOGIN, user=user))
         session.name, session.note = user, None
         answer = Code.LOGGED_IN.done(name=user)
-        return Verdict(answer=answer, kind=RequestKind.LOGIN, asked="log in")
+        return Order(answer=answer, kind=RequestKind.LOGIN, asked="log in")
 
-    def on_busy(self, session: Session) -> Verdict:
-        """Judge a login whose password could not be checked."""
-        self._waiting.pop(session.id, None)
-        return Verdict(answer=Code.BUSY.timed_out())
-
-    def _wrong_login(self, session: Session, name: str, now_s: float) -> Verdict:
+    def _wrong_login(self, session: Session, name: str, now_s: float) -> Order:
         wrong = Code[f"WRONG_{self.login.upper()}"].refused()
-        recent = {key: s for key, s in self._recorded_s.items() if now_s - s < _RECORD_S}
-        self._recorded_s = {session.client: now_s} | recent
-        if session.client not in recent:
+        count, recorded_s = self._wrong.pop(session.client, _NONE_WRONG)
+        is_due = now_s - recorded_s >= _RECORD_S
+        self._wrong[session.client] = count + 1, now_s if is_due else recorded_s
+        session.wrong += 1
+        if len(self._wrong) > _MOST_CLIENTS:  # the one whose last wrong login is the oldest
+            del self._wrong[next(iter(self._wrong))]
+        if is_due:
             # what was typed in as a name may be a password
             who = f"{self._users.name(name) or 'unknown name'} ({session.id})"
             address = session.client or "an unknown address"
             answer = Code.WRONG_FROM.refused(what=wrong.message, address=address)
             self._records.append(Order(who, RequestKind.LOGIN, "log in", answer))
-        return Verdict(answer=wrong)
+        return Order(answer=wrong)
 
     # ---------------------------------------------------------------- control and commands
 
     def _change_control(
         self, session: Session, do: str, message: dict[str, Any], now_s: float
-    ) -> Verdict:
-        if do == "take_control" and self.holder is session:
-            return Verdict(answer=Code.HAVE_CONTROL.done())
-        answer = self._ask_control(session, do, message, now_s)
+    ) -> Order:
+        answer = _CONTROL[do](self._control, session, now_s, message.get("to"))
         if answer.outcome == DONE:
             self.ended = None
-        return Verdict(answer=answer, kind=RequestKind.of(do), asked=do.replace("_", " "))
+        return Order(kind=RequestKind.of(do), asked=do.replace("_", " "), answer=answer)
 
-    def _ask_control(
-        self, session: Session, do: str, message: dict[str, Any], now_s: float
-    ) -> Answer:
-        control, holder = self._control, self.holder
-        if do == "take_control":
-            # a name that came with a password proves who it is
-            proven = self.login == "password"
-            same = proven and holder is not None and holder.name == session.name
-            return control.take(session, now_s, same)
-        if do == "request_control":
-            return control.request(session, now_s)
-        if do == "withdraw_request":
-            return control.withdraw(session)
-        if do == "release_control":
-            return control.give_back(session)
-        return control.answer(session, message.get("to"), do == "hand_over_control")
-
-    def _command(self, session: Session, do: str, message: dict[str, Any]) -> Verdict:
+    def _command(self, session: Session, do: str, message: dict[str, Any]) -> Order:
         try:
             action = read(do, message)
         except InputError as error:
             asked = do if do in ACTIONS else "unknown request"
-            return Verdict(answer=invalid(error), kind=RequestKind.of(do), asked=asked)
+            return Order(answer=invalid(error), kind=RequestKind.of(do), asked=asked)
         order = _order(do, action)
         if self.holder is not session:
             return replace(order, action=None, answer=Code.TAKE_FIRST.refused())
         return order
 
 
-def _order(do: str, action: Action) -> Verdict:
-    return Verdict(action=action, kind=RequestKind.of(do), asked=str(action))
-
-
-def _bytes(text: str) -> bytes:
-    return text.encode("utf-8", "surrogatepass")
+def _order(do: str, action: Action) -> Order:
+    return Order(action=action, kind=RequestKind.of(do), asked=str(action))

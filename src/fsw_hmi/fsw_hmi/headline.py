@@ -7,14 +7,14 @@ comes before it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
 from fsw_analysis.course import OVER
 from fsw_analysis.headline import VARIABLES
-from fsw_hmi.alarm_rules import DONE
+from fsw_hmi.alarm_rules import DONE, NO_REPORT_S, Situation
 from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
+from fsw_hmi.limits import worst
 from fsw_hmi.recording import RecordingState
 
 #: no ticks for longer than this: the values on the page are old
@@ -38,46 +38,49 @@ class Code(StrEnum):
     GOOD = "good"
 
 
-@dataclass(frozen=True, slots=True)
-class Now:
-    """What the headline is made of, each as the page gets it."""
-
-    tick_age_s: float | None = None  #: None before the first
-    alarms: Sequence[Mapping[str, Any]] = ()  #: in the order of the list
-    flags: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    state: Mapping[str, Any] = field(default_factory=dict)
-    account: Mapping[str, Any] | None = None
-    programme: str = ""  #: its state
-    recording: str = RecordingState.NONE
+#: alarms in the order of the list, and the judgement, as the page gets them
+Alarms = Sequence[Mapping[str, Any]]
+Account = Mapping[str, Any] | None
 
 
-def headline(now: Now) -> dict[str, str]:
+def headline(
+    now: Situation,
+    alarms: Alarms = (),
+    account: Account = None,
+    recording: str = RecordingState.NONE,
+) -> dict[str, str]:
     """Level, text, detail and what to do; ``code`` or else ``alarm`` is what it is about.
 
     ``after`` is what to do once the programme is over; empty before.
     """
-    after = ACTIONS[_after(now)] if now.programme in OVER else ""
-    return {**_worst(now), "after": after}
+    if now.programme not in OVER:
+        return {**_worst(now, alarms, _of_account(account)), "after": ""}
+    # the stop of an aborted weld comes before its recording
+    stopped = now.programme != DONE and _waits(now.state)
+    after = "retract_and_acknowledge" if stopped else NEXT_OF_BAG[recording]
+    end = _end(now, account, after)
+    return {**_worst(now, alarms, end), "after": ACTIONS[after]}
 
 
-def _worst(now: Now) -> dict[str, str]:
+def _worst(now: Situation, alarms: Alarms, weld: dict[str, str] | None) -> dict[str, str]:
+    """What is worst; ``weld`` is how it is judged so far or has ended, if it is not good."""
     silent = now.tick_age_s is None or now.tick_age_s > TICK_AGE_S
-    if now.programme == DONE and silent:
-        return _urgent(now.alarms) or _end(now)
+    if now.programme == DONE and silent and weld is not None:
+        return _urgent(alarms) or weld
     if now.tick_age_s is None:
         return _line("attention", Code.NO_MEASUREMENTS_YET, "start_plant", "No measurements yet")
     if now.tick_age_s > TICK_AGE_S:
-        why = [alarm for alarm in now.alarms if alarm["id"] in _OF_SILENCE]
+        why = [alarm for alarm in alarms if alarm["id"] in _OF_SILENCE]
         since = f"for {now.tick_age_s:.0f} s" if now.tick_age_s >= 1.0 else ""
         return _urgent(why) or _line(
             "high", Code.NO_MEASUREMENTS, "check_plant", "No measurements", since
         )
     return (
-        _urgent(now.alarms)
-        or _of_flags(now.flags)
-        or _of_state(now.state)
-        or (_end(now) if now.programme in OVER else _of_account(now.account))
-        or _of_alarms(now.alarms, ("low",))
+        _urgent(alarms)
+        or _of_flags(worst(now.outside))
+        or _of_state(now)
+        or weld
+        or _of_alarms(alarms, ("low",))
         or _line("good", Code.GOOD, "none", "Good", "every limit is kept so far")
     )
 
@@ -87,14 +90,12 @@ def _line(level: str, code: Code, action: str, text: str, detail: str = "") -> d
     return {"level": level, "text": text, "detail": detail, **about}
 
 
-def _urgent(alarms: Sequence[Mapping[str, Any]]) -> dict[str, str] | None:
+def _urgent(alarms: Alarms) -> dict[str, str] | None:
     """The alarm that needs a person first, by the order of the list: unacknowledged ones lead."""
     return _of_alarms(alarms, ("high", "medium"))
 
 
-def _of_alarms(
-    alarms: Sequence[Mapping[str, Any]], priorities: tuple[str, ...]
-) -> dict[str, str] | None:
+def _of_alarms(alarms: Alarms, priorities: tuple[str, ...]) -> dict[str, str] | None:
     for alarm in alarms:
         if alarm["state"] in ("active", "acknowledged") and alarm["priority"] in priorities:
             about = {"code": alarm["cause"], "alarm": alarm["id"], "action": alarm["action"]}
@@ -111,9 +112,10 @@ def _of_flags(flags: Mapping[str, Mapping[str, str]]) -> dict[str, str] | None:
     return _line(flags[name]["level"], Code.FLAG, "check_control", text)
 
 
-def _of_state(state: Mapping[str, Any]) -> dict[str, str] | None:
+def _of_state(now: Situation) -> dict[str, str] | None:
     """What is wrong with the state is an alarm; the rest is what somebody wants."""
-    if not state.get("known"):
+    state = now.state
+    if state is None or now.state_age_s is None or now.state_age_s > NO_REPORT_S:
         text, detail = "No supervisor", "nobody is known to command the weld"
         return _line("medium", Code.NO_SUPERVISOR, "start_supervisor", text, detail)
     mode = state["actual_mode"]
@@ -124,20 +126,15 @@ def _of_state(state: Mapping[str, Any]) -> dict[str, str] | None:
     return _line("high" if stopped else "attention", Code.MODE, action, text, state["reason"])
 
 
-def _waits(state: Mapping[str, Any]) -> bool:
+def _waits(state: Mapping[str, Any] | None) -> bool:
     """Whether a safe stop is yet to be acknowledged."""
-    return state.get("actual_mode") == "safe_stop" and not state["acknowledged"]
+    if state is None:
+        return False
+    return state["actual_mode"] == "safe_stop" and not state["acknowledged"]
 
 
-def _after(now: Now) -> str:
-    """Code of what to do: the stop of an aborted weld comes before its recording."""
-    stopped = now.programme != DONE and _waits(now.state)
-    return "retract_and_acknowledge" if stopped else NEXT_OF_BAG[now.recording]
-
-
-def _end(now: Now) -> dict[str, str]:
+def _end(now: Situation, account: Account, action: str) -> dict[str, str]:
     """The weld has ended: aborted, or as its programme has it and as its rules judge it."""
-    account, action = now.account, _after(now)
     if now.programme != DONE:
         return _line("medium", Code.ABORTED, action, "Weld aborted", "it cannot be continued")
     if account is None:
@@ -146,7 +143,7 @@ def _end(now: Now) -> dict[str, str]:
     return _line(account["level"], Code.DONE, action, text, account["detail"])
 
 
-def _of_account(account: Mapping[str, Any] | None) -> dict[str, str] | None:
+def _of_account(account: Account) -> dict[str, str] | None:
     """How the weld so far is judged, by the rules of its record."""
     if account is None:
         return _line("attention", Code.NOT_JUDGED, "none", "Not judged yet")

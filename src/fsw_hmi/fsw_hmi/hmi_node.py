@@ -37,15 +37,21 @@ from fsw_hmi.alarm_desk_ros import AlarmDesk
 from fsw_hmi.answers import Answer
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import frame, readable, row
-from fsw_hmi.headline import Now, headline
-from fsw_hmi.limits import DEVIATIONS, PARAMETERS, limits, reference, safe_state
+from fsw_hmi.headline import headline
+from fsw_hmi.limits import (
+    PARAMETERS,
+    limits,
+    outside_now,
+    reference,
+    safe_state,
+    worst,
+)
 from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
 from fsw_hmi.requests import Acknowledge, SafeStop, Shelve, Unshelve
-from fsw_hmi.standing import Flag, outside_now, worst
 from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.watch_ros import Watch
 from fsw_hmi.web import LivePage
@@ -63,8 +69,6 @@ _ASK_AGAIN_S = 5.0
 _SIMULATED_SILENCE = 10.0
 #: actions on the page, at most
 _MOST_ACTIONS = 50
-#: parameters of operators' control
-_CONTROL = ("local_stop", "handover_timeout_s")
 
 
 class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
@@ -83,7 +87,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         files = PageFiles("live")
         listening = listen(values["host"], values["port"])
         self._received: deque[Order] = deque()
-        self._holder = ""  # of control
         self._tick_sent_s = 0.0
         self._interlocks: dict[str, float] = {}
         self._asked_leader, self._asked_s = "", float("-inf")
@@ -93,7 +96,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._book = book_of(values["procedure"])
         self._desk = AlarmDesk(self, self._watch, self._setting)
         self._weld = LiveWeld(self._book)
-        self._outside: dict[str, list[Flag]] = {}
         self._stopping, self._recording = StopProgress(), Recording()
         self._headline: dict[str, str] = {}
         self._account: dict[str, Any] | None = None
@@ -101,7 +103,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._register = StopRegister()
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
-        self._room = ControlRoom(known, **{name: values[name] for name in _CONTROL})
+        self._room = ControlRoom(known, values["local_stop"], values["handover_timeout_s"])
         self._page = LivePage(files, self._room, self._deliver, listening.gate.touch)
         hosts = values["host"], *values["allow_hosts"]
         app = application(self._page.routes(), hosts, listening.gate)
@@ -143,20 +145,21 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._watch.progress = None  # of the weld before; a programme reports every second
         if self._watch.progress is not None:
             self._weld.on_progress(self._watch.progress)
-        if self._watch.state is not None:
-            self._weld.on_state(self._watch.leader, self._watch.state)
+        now = self._watch.now
+        if now.state is not None:
+            self._weld.on_state(now.leader, now.state)
         for tick in rows:
             self._weld.add(tick, self._watch.source)
             text = row(tick.stamp_ns, tick.values)
             shown = None
             if now_s - self._tick_sent_s >= _TICK_PERIOD_S:
                 self._tick_sent_s = now_s
-                self._outside = outside_now(
-                    self._watch.values, self._watch.programme(), self._book, self._limits()
+                now.outside = outside_now(
+                    now.values, self._watch.programme(), self._book, self._limits
                 )
-                values = self._watch.values | {"time_s": tick.stamp_ns / NANOSECONDS}
+                values = {**now.values, "time_s": tick.stamp_ns / NANOSECONDS}
                 stop = self._stopping.at(self._watch.stopped, values, safe_state(self._interlocks))
-                rest = f'"flags":{json.dumps(worst(self._outside))},"stop":{json.dumps(stop)}'
+                rest = f'"flags":{json.dumps(worst(now.outside))},"stop":{json.dumps(stop)}'
                 shown = f'{{"t":"tick","server_s":{time.time():.3f},"row":{text},{rest}}}'
             self._web.call(partial(self._page.tick, text, shown, now_s))
 
@@ -165,22 +168,15 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._web.call(partial(self._page.show, f"{kind} {of}".rstrip(), frame(kind, content)))
 
     def _show_headline(self) -> None:
-        watch, desk = self._watch, self._desk
-        programme = watch.progress["state"] if watch.progress else ""
-        age_s, alarms = desk.age_s(watch.view.tick_s), desk.frame()["alarms"]
-        seen = watch.state_frame(), self._account, programme, self._recording.state
-        line = headline(Now(age_s, alarms, worst(self._outside), *seen))
+        alarms = self._desk.frame()["alarms"]
+        line = headline(self._desk.now, alarms, self._account, self._recording.state)
         if line != self._headline:
             self._headline = line
             self._show("headline", line)
 
-    def _limits(self) -> dict[str, dict[str, Any]]:
-        return limits(
-            self._interlocks, self._book, {name: self._setting(name) for name in DEVIATIONS}
-        )
-
     def _say_hello(self) -> None:
-        hello = {"limits": self._limits(), "reference": reference(self._interlocks)}
+        self._limits = limits(self._interlocks, self._book)
+        hello = {"limits": self._limits, "reference": reference(self._interlocks)}
         self._web.call(partial(self._page.set_hello, hello))
 
     # ---------------------------------------------------------------- now and then
@@ -188,7 +184,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     def _look(self) -> None:
         self._orders.look()
         self._watch.look()
-        if self._desk.judge(self._outside):
+        if self._desk.judge():
             self._show("alarms", self._desk.frame())
         self._show_headline()
 
@@ -206,9 +202,10 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         if self._account is not None:
             self._show("account", self._account)
         now_s = time.monotonic()
-        is_old = watch.leader != self._asked_leader or now_s - self._asked_s > _ASK_AGAIN_S
-        if watch.leader and is_old and self._get_parameters.service_is_ready():
-            self._asked_leader, self._asked_s = watch.leader, now_s
+        leader = watch.now.leader
+        is_old = leader != self._asked_leader or now_s - self._asked_s > _ASK_AGAIN_S
+        if leader and is_old and self._get_parameters.service_is_ready():
+            self._asked_leader, self._asked_s = leader, now_s
             future = self._get_parameters.call_async(GetParameters.Request(names=list(PARAMETERS)))
             future.add_done_callback(self._on_parameters)
 
@@ -234,7 +231,6 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._on_order(self._received.popleft())
 
     def _on_order(self, order: Order) -> None:
-        self._holder = order.holder
         action, answer = order.action, partial(self._answer, order)
         if action is None:
             self._record(order, order.answer)
@@ -262,9 +258,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._done.append(done | {"server_s": round(time.time(), 3)})
         self._show("actions", {"actions": list(self._done)})
         header = convert.header(int(self.get_clock().now().nanoseconds))
-        self._actions.publish(
-            OperatorAction(header=header, holder=self._holder, kind=int(order.kind), **done)
-        )
+        more = {"holder": order.holder, "kind": int(order.kind)}
+        self._actions.publish(OperatorAction(header=header, **more, **done))
 
 
 def book_of(file: str) -> RuleBook:

@@ -1,12 +1,20 @@
-"""Limits and scales as the page draws them."""
+"""Limits and scales as the page draws them, and values at a moment against them.
+
+The page draws the result and judges nothing itself; ``fsw_analysis.judgement`` judges the weld as
+a whole.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from math import nan
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
 
 from fsw_analysis.kpi import DEAD_BAND_DEPTH_MM, DEAD_BAND_TEMPERATURE_C
-from fsw_analysis.rule_book import RuleBook
+from fsw_analysis.rule_book import Bounds, RuleBook
+from fsw_analysis.weld_signals import FloatArray, TextArray
 from fsw_control.ranges import (
     COMMAND_FORCE_KN,
     COMMAND_SPEED_RPM,
@@ -18,69 +26,90 @@ from fsw_control.ranges import (
 )
 from fsw_control.schema.ranges import Range
 from fsw_control.sensors import SENSORS
-from fsw_hmi.standing import QUANTITIES
 
-#: scales, chosen
-_TORQUE_NM, _POWER_KW = Range(300.0, 1700.0, "N m"), Range(20.0, 70.0, "kW")
-#: by quantity: scale, dead band, and the supervisor's interlocks below and above
-_QUANTITIES: dict[str, tuple[Range, float | None, str, str]] = {
-    "depth_mm": (REFERENCE_DEPTH_MM, DEAD_BAND_DEPTH_MM, *SET_POINT_INTERLOCKS["depth_mm"]),
-    "temperature_c": (
-        *(REFERENCE_TEMPERATURE_C, DEAD_BAND_TEMPERATURE_C),
-        *SET_POINT_INTERLOCKS["temperature_c"],
-    ),
-    "force_kn": (COMMAND_FORCE_KN, None, "", "force_high"),
-    "speed_rpm": (COMMAND_SPEED_RPM, None, "", ""),
-    "torque_nm": (_TORQUE_NM, None, "torque_low", "torque_high"),
-    "power_kw": (_POWER_KW, None, "", "power_high"),
+#: a violation, as the page gets it
+Flag = dict[str, Any]
+Kind = Literal["trip", "essential", "warn", "quality", "error", "deviation"]
+#: by kind: level and words
+_WORDS: dict[Kind, tuple[str, str]] = {
+    "trip": ("high", "beyond trip"),
+    "essential": ("high", "beyond its essential limit"),
+    "warn": ("medium", "warning"),
+    "quality": ("medium", "off quality"),
+    "error": ("medium", "off its set-point"),
+    "deviation": ("medium", "off its command"),
 }
+
+
+class _Quantity(NamedTuple):
+    """What the page draws as a bar."""
+
+    scale: Range
+    interlocks: tuple[str, str] = ("", "")  #: the supervisor's below and above
+    dead_band: float | None = None
+    #: variable of the rule book that is the distance from the programme's set-point
+    error: str = ""
+    deviation: float | None = None  #: of a drive from its command without an alarm (chosen)
+
+
+#: scales of torque and power, chosen
+_QUANTITIES = {
+    "depth_mm": _Quantity(
+        *(REFERENCE_DEPTH_MM, SET_POINT_INTERLOCKS["depth_mm"]),
+        *(DEAD_BAND_DEPTH_MM, "depth_error_mm"),
+    ),
+    "temperature_c": _Quantity(
+        *(REFERENCE_TEMPERATURE_C, SET_POINT_INTERLOCKS["temperature_c"]),
+        *(DEAD_BAND_TEMPERATURE_C, "temperature_error_c"),
+    ),
+    "force_kn": _Quantity(COMMAND_FORCE_KN, ("", "force_high"), deviation=5.0),
+    "speed_rpm": _Quantity(COMMAND_SPEED_RPM, deviation=20.0),
+    "torque_nm": _Quantity(Range(300.0, 1700.0, "N m"), ("torque_low", "torque_high")),
+    "power_kw": _Quantity(Range(20.0, 70.0, "kW"), ("", "power_high")),
+}
+#: variable of each quantity that has a set-point
+ERRORS = {name: row.error for name, row in _QUANTITIES.items() if row.error}
 _LEVELS = ("warn", "trip")
+_SEVERITY: tuple[tuple[Kind, Kind], ...] = (("trip", "essential"), ("warn", "quality"))
 #: smallest steps in which set-points are typed in, chosen
 _STEPS = {"depth_mm": 0.01, "temperature_c": 0.1}
-_NAMES = [name for entry in _QUANTITIES.values() for name in entry[2:] if name]
+_NAMES = [name for row in _QUANTITIES.values() for name in row.interlocks if name]
 _SAFE = ("safe_force_kn", "safe_rate_kn_per_s")
 #: the supervisor's parameters that are used
 PARAMETERS = (*(f"interlocks.{name}.{level}" for name in _NAMES for level in _LEVELS), *_SAFE)
 
 
-#: the page's parameters for the tolerated deviation of a drive from its command
-DEVIATIONS = tuple(f"deviation_{quantity}" for quantity in ("force_kn", "speed_rpm"))
-
-
 def _interlocks(quantity: str, level: str, parameters: Mapping[str, Any]) -> list[float | None]:
     """Limits of the interlocks below and above a quantity; None: unknown, or no interlock."""
-    return [parameters.get(f"interlocks.{name}.{level}") for name in _QUANTITIES[quantity][2:]]
+    names = _QUANTITIES[quantity].interlocks
+    return [parameters.get(f"interlocks.{name}.{level}") for name in names]
 
 
-def limits(
-    parameters: Mapping[str, Any], book: RuleBook, deviations: Mapping[str, float] | None = None
-) -> dict[str, dict[str, Any]]:
+def limits(parameters: Mapping[str, Any], book: RuleBook) -> dict[str, dict[str, Any]]:
     """Limits of every quantity for the page, in its protocol's words.
 
     ``parameters`` are the supervisor's, as far as they are known: ``interlocks.<name>.warn`` and
-    ``.trip``; ``book`` is the rule book by which the weld is judged, and ``deviations`` go by the
-    names in ``DEVIATIONS``.
+    ``.trip``; ``book`` is the rule book by which the weld is judged.
     """
     by_quantity: dict[str, dict[str, Any]] = {}
-    for quantity, (scale, dead_band, *_) in _QUANTITIES.items():
-        by_quantity[quantity] = {"range": [scale.low, scale.high], "dead_band": dead_band}
-        for level in _LEVELS:
-            pair = _interlocks(quantity, level, parameters)
-            if pair != [None, None]:
-                by_quantity[quantity][level] = pair
-        if deviations is not None and f"deviation_{quantity}" in deviations:
-            by_quantity[quantity]["deviation"] = deviations[f"deviation_{quantity}"]
-        kept = [
+    for quantity, row in _QUANTITIES.items():
+        own: dict[str, Any] = {
+            level: _interlocks(quantity, level, parameters) for level in _LEVELS
+        }
+        own["kept"] = [
             {"low": limit.min, "high": limit.max, "of_aim": limit.variable != quantity}
             for _, limit in book.limits()
-            if limit.variable in (quantity, QUANTITIES[quantity])
+            if limit.variable in (quantity, row.error)
         ]
-        if kept:
-            by_quantity[quantity]["kept"] = kept
-        rows = (row for row in SENSORS.values() if row.quantity.signal == quantity)
-        others = [{"key": row.signal, "name": row.title} for row in rows if not row.required]
-        if others:
-            by_quantity[quantity]["others"] = others
+        own["others"] = [
+            {"key": sensor.signal, "name": sensor.title}
+            for sensor in SENSORS.values()
+            if sensor.quantity.signal == quantity and not sensor.required
+        ]
+        own["deviation"] = row.deviation
+        known = {key: value for key, value in own.items() if value not in (None, [], [None, None])}
+        fixed = {"range": [row.scale.low, row.scale.high], "dead_band": row.dead_band}
+        by_quantity[quantity] = fixed | known
     return by_quantity
 
 
@@ -97,10 +126,117 @@ def reference(parameters: Mapping[str, Any]) -> dict[str, Any]:
         "rate_temperature_c_per_s": WELD_RATE_TEMPERATURE_C_PER_S,
     }
     for quantity, step in _STEPS.items():
-        allowed = _QUANTITIES[quantity][0]
+        allowed = _QUANTITIES[quantity].scale
         under, over = _interlocks(quantity, "trip", parameters)
         permitted[quantity] = [
             allowed.low if under is None else max(allowed.low, round(under + step, 6)),
             allowed.high if over is None else min(allowed.high, round(over - step, 6)),
         ]
     return permitted
+
+
+def variables(
+    values: Mapping[str, float], progress: Mapping[str, Any] | None = None
+) -> dict[str, float]:
+    """Values of a row, and errors from the programme's set-points or else those in force."""
+    own = programme_aims(progress)
+    every = dict(values)
+    for quantity, error in ERRORS.items():
+        aim = own.get(quantity, values.get(f"reference_{quantity}", nan))
+        every[error] = values.get(quantity, nan) - aim
+    return every
+
+
+def programme_aims(progress: Mapping[str, Any] | None) -> dict[str, float]:
+    """Set-points of depth and temperature that the programme reports; none at depth 0."""
+    if not progress or not progress.get("depth_mm"):
+        return {}
+    aims = {name: progress.get(name) for name in ERRORS}
+    return {name: float(aim) for name, aim in aims.items() if aim is not None}
+
+
+def worst(violations: Mapping[str, Sequence[Flag]]) -> dict[str, Flag]:
+    """Of each quantity, the worst of its violations as of :func:`outside_now`."""
+    return {quantity: flags_of[0] for quantity, flags_of in violations.items()}
+
+
+def flags(
+    columns: Mapping[str, FloatArray],
+    phases: TextArray,
+    book: RuleBook,
+    limits: Mapping[str, Mapping[str, Any]],
+) -> list[dict[str, Flag]]:
+    """As :func:`outside`, of each quantity the worst."""
+    return [worst(row) for row in outside(columns, phases, book, limits)]
+
+
+def outside(
+    columns: Mapping[str, FloatArray],
+    phases: TextArray,
+    book: RuleBook,
+    limits: Mapping[str, Mapping[str, Any]],
+) -> list[dict[str, list[Flag]]]:
+    """Violations of each quantity at each moment, the worst first: level, words, and the limit; empty if none.
+
+    Parameters
+    ----------
+    columns : mapping of str to array
+        As of :func:`variables`, and the commands.
+    phases : array of str
+        Of the programme; empty where it is not known.
+    book : RuleBook
+        By which the weld is judged.
+    limits : mapping
+        As of :func:`limits`.
+    """
+    flags_of_row: list[dict[str, list[Flag]]] = [{} for _ in range(phases.size)]
+    for quantity in _QUANTITIES:
+        for kind, bounds in _tests(quantity, book, limits.get(quantity, {})):
+            values = columns.get(bounds.variable)
+            if kind == "deviation":
+                values = columns[quantity] - columns[f"command_{quantity}"]
+            if values is None:
+                continue
+            known = np.isin(phases.astype(str), [*bounds.phases, ""]) | (not bounds.phases)
+            level, words = _WORDS[kind]
+            limit = {
+                "kind": kind,
+                "variable": bounds.variable,
+                "min": bounds.min,
+                "max": bounds.max,
+            }
+            for side, violated in (
+                ("low", False if bounds.min is None else values < bounds.min),
+                ("high", False if bounds.max is None else values > bounds.max),
+            ):
+                flag = {"level": level, "text": f"{words}, {side}", **limit}
+                for row in np.flatnonzero(known & violated):
+                    flags_of_row[row].setdefault(quantity, []).append(flag)
+    return flags_of_row
+
+
+def outside_now(
+    values: Mapping[str, float],
+    progress: Mapping[str, Any] | None,
+    book: RuleBook,
+    limits: Mapping[str, Mapping[str, Any]],
+) -> dict[str, list[Flag]]:
+    """As :func:`outside`, of one row."""
+    columns = {name: np.array([value]) for name, value in variables(values, progress).items()}
+    phase = str((progress or {}).get("phase", ""))
+    return outside(columns, np.array([phase], object), book, limits)[0]
+
+
+def _tests(quantity: str, book: RuleBook, own: Mapping[str, Any]) -> Iterator[tuple[Kind, Bounds]]:
+    """Bounds of a quantity, in order of severity."""
+    error = _QUANTITIES[quantity].error
+    for level, kind in _SEVERITY:
+        if level in own:
+            low, high = own[level]
+            yield level, Bounds(variable=quantity, min=low, max=high)
+        for kind_of, limit in book.limits():
+            if kind_of == kind and limit.variable in (quantity, error):
+                yield "error" if kind == "quality" and limit.variable == error else kind, limit
+    if "deviation" in own:
+        most = own["deviation"]
+        yield "deviation", Bounds(variable=quantity, min=-most, max=most)

@@ -19,7 +19,7 @@ from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
 from fsw_control.units import NANOSECONDS
 from fsw_hmi.frames import COLUMNS, SIGNALS
 from fsw_hmi.hub import KEPT
-from fsw_hmi.standing import programme_aims
+from fsw_hmi.limits import programme_aims
 from fsw_hmi.weld_view import Row
 
 _STATE = ("actual_controller", "actual_mode", "reason", "cause", "by")

@@ -43,10 +43,6 @@ class HmiParameters(NodeParameters):
     silence_s: Annotated[float, Range(0.15, 10.0, "s")] = 0.2
     """Silence of the drives' feedback or of the commands after which that is an alarm, within a
     further 0.1 s; ten times as long in simulated time (chosen: two ticks)."""
-    deviation_force_kn: Annotated[float, Range(0.1, 100.0, "kN")] = 5.0
-    """Largest difference of axial force and its command without an alarm (chosen)."""
-    deviation_speed_rpm: Annotated[float, Range(0.1, 1000.0, "rpm")] = 20.0
-    """Largest difference of spindle speed and its command without an alarm (chosen)."""
     deviation_persistence_s: Annotated[float, Range(0.0, 600.0, "s")] = 10.0
     """Time for which the temperature must be off its set-point, or force or speed off the command,
     before that is an alarm, and back before it ends (chosen: longer than a step of the set-point

@@ -17,7 +17,7 @@ from rclpy.subscription import Subscription
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.cause import Cause, Severity
-from fsw_control.contract import SAFE_STOP, Command, Reference
+from fsw_control.contract import SAFE_STOP, Command
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.diagnostic_names import local_name
 from fsw_control.heat_plan import SHARE_NAME
@@ -32,6 +32,7 @@ from fsw_hmi.alarm_rules import (
     RECORDING,
     UNDER_WAY,
     Part,
+    Situation,
     standby_ready,
 )
 from fsw_hmi.frames import COLUMNS, heat_band, readable, short
@@ -58,11 +59,6 @@ _PREDICTION_PERIOD_S = 0.5
 _LEVELS = ("ok", "warn", "error", "stale")
 _WORDS = ("target_controller", "actual_controller", "target_mode", "actual_mode")
 _MOST_CONTROLLERS = 20
-#: before the supervisor has reported
-NO_STATE: dict[str, Any] = {
-    **dict.fromkeys((*_WORDS, "reason"), ""),
-    **{"controllers": [], "interlocks": [], "acknowledged": False},
-}
 #: what can be a part of a topic's name
 _NAME = re.compile("[A-Za-z]([A-Za-z0-9_]{0,98}[A-Za-z0-9])?")
 
@@ -88,19 +84,13 @@ class Watch:
         self._known_heat_share = nan  # that the controller which commands uses
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
-        self.state: dict[str, Any] | None = None  #: as the page gets it, like the progress
-        self.progress: dict[str, Any] | None = None
+        self.now = Situation()  #: what has been heard; :class:`AlarmDesk` adds how old it is
+        self.progress: dict[str, Any] | None = None  #: as the page gets it
         self.source = ""  #: who computed the last command
         self.state_s = self.progress_s = float("-inf")  #: when they came, on a steady clock
-        self.leader = ""  #: identity of the leading supervisor
-        self.sensor_states: dict[str, str] = {}  #: what the supervisor says of each sensor
-        self.channels: dict[str, ChannelHealth] = {}  #: of a fused depth, by sensor
-        #: set-points that the controller which commands goes for, if it tells
-        self.attainable: Reference | None = None
-        self._goes_for = ""  # the controller that told it
+        self._goes_for = ""  # the controller that told what is attainable
         self.recording: dict[str, str] = {}  #: what the recorder has reported last
-        self.values: dict[str, float] = {}  #: the newest row by column; empty before the first
-        self._parts: dict[str, dict[str, tuple[Part, float]]] = {}
+        self._parts: dict[tuple[str, str], tuple[Part, float]] = {}  # by node and part
         self._sensors: list[Subscription] = []
         self._controllers: dict[str, float] = {}
         # what is refused, the supervisor and every controller report
@@ -117,7 +107,7 @@ class Watch:
     @property
     def stopped(self) -> bool:
         """Whether the supervisor reports a safe stop."""
-        return self.state is not None and self.state["actual_mode"] == SAFE_STOP
+        return self.now.state is not None and self.now.state["actual_mode"] == SAFE_STOP
 
     def look(self) -> None:
         """Leave the sensors of a plant that is silent; to be called several times a second."""
@@ -140,14 +130,14 @@ class Watch:
         self._take(*self.view.on_drives(stamp_ns, acting, now_s))
 
     def _on_depth(self, message: ShoulderDepth) -> None:
-        self.channels = channels_of(message)
+        self.now.channels = channels_of(message)
 
     def _on_sample(self, sensor: str, stamp_ns: int, value: float) -> None:
         self._take(self.view.on_sample(sensor, stamp_ns, value, time.monotonic()))
 
     def _take(self, rows: list[Row], restarted: bool = False) -> None:
         if rows:
-            self.values = dict(zip(COLUMNS[1:], rows[-1].values, strict=True))
+            self.now.values = dict(zip(COLUMNS[1:], rows[-1].values, strict=True))
         if rows or restarted:
             self._on_rows(rows, restarted)
 
@@ -160,8 +150,8 @@ class Watch:
     # ---------------------------------------------------------------- reports
 
     def _on_state(self, message: SupervisorState) -> None:
-        self.state, self.state_s = _state(message), time.monotonic()
-        self.leader = message.leader
+        self.now.state, self.state_s = _state(message), time.monotonic()
+        self.now.leader = message.leader
         for controller in message.controllers:
             name = controller.name
             fits = len(self._controllers) < _MOST_CONTROLLERS and _NAME.fullmatch(name)
@@ -183,11 +173,11 @@ class Watch:
             self.view.solve_ms = (
                 1e3 * message.solve_time if message.solver_status else float("nan")
             )
-            self.attainable, self._goes_for = convert.attainable(message), message.controller
+            self.now.attainable, self._goes_for = convert.attainable(message), message.controller
             disturbances = dict(zip(message.disturbance_names, message.disturbances, strict=False))
             self._known_heat_share = disturbances.get(SHARE_NAME, nan)
         elif message.controller == self._goes_for:  # it no longer commands
-            self.attainable = None
+            self.now.attainable = None
 
     def _on_plan(self, controller: str, message: Prediction) -> None:
         now_s = time.monotonic()
@@ -221,21 +211,20 @@ class Watch:
             if name is None:
                 continue
             node, _, what = (readable(word, 100) for word in name.partition(": "))
-            parts = self._parts.get(node, {})
-            if what not in parts and self._is_full(node):
+            if (node, what) not in self._parts and self._is_full(node):
                 continue
-            self._parts[node] = parts
             level = _LEVELS[min(int.from_bytes(status.level, "little"), 3)]
             values = {pair.key: pair.value for pair in status.values}
             permissive = None if "permissive" not in values else values["permissive"] == "True"
             action = readable(values.get("action", ""), 100)
             text, code = readable(status.message), readable(values.get(CODE, ""), 100)
             names = readable(values.get(f"{CODE}: names", ""))
-            parts[what] = Part(level, text, permissive, action, code, names), now_s
+            part = Part(level, text, permissive, action, code, names)
+            self._parts[node, what] = part, now_s
             if what == RECORDING:
                 self.recording = values
             if name == "fsw_supervisor: process":
-                self.sensor_states = {
+                self.now.sensor_states = {
                     name: readable(values.get(f"{name} state", "good")) for name in SENSORS
                 }
 
@@ -247,8 +236,7 @@ class Watch:
     def _is_full(self, node: str) -> bool:
         """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""
         own = node.startswith("fsw_")
-        kept = [parts for name, parts in self._parts.items() if name.startswith("fsw_") == own]
-        return sum(map(len, kept)) >= _MOST_PARTS
+        return sum(name.startswith("fsw_") == own for name, _ in self._parts) >= _MOST_PARTS
 
     def state_frame(self) -> dict[str, Any]:
         """Content of the frame ``state``; not ``known`` is a state of a supervisor that is silent."""
@@ -256,24 +244,20 @@ class Watch:
             "known": time.monotonic() - self.state_s <= NO_REPORT_S,
             "known_heat_share": short(self._known_heat_share),
             "standby": standby_ready(self.parts()),
-            **(self.state or NO_STATE),
+            **(self.now.state or _state(SupervisorState())),
         }
 
     def parts(self) -> dict[str, dict[str, Part]]:
         """Diagnostics by node and part."""
         now_s = time.monotonic()
-        recent = {
-            node: {what: entry for what, entry in parts.items() if now_s - entry[1] <= _FORGET_S}
-            for node, parts in self._parts.items()
+        self._parts = {
+            name: entry for name, entry in self._parts.items() if now_s - entry[1] <= _FORGET_S
         }
-        self._parts = {node: parts for node, parts in recent.items() if parts}
-        return {
-            node: {
-                what: part if now_s - heard_s <= NO_REPORT_S else replace(part, level="stale")
-                for what, (part, heard_s) in sorted(parts.items())
-            }
-            for node, parts in sorted(self._parts.items())
-        }
+        by_node: dict[str, dict[str, Part]] = {}
+        for (node, what), (part, heard_s) in sorted(self._parts.items()):
+            old = now_s - heard_s > NO_REPORT_S
+            by_node.setdefault(node, {})[what] = replace(part, level="stale") if old else part
+        return by_node
 
 
 def _state(message: SupervisorState) -> dict[str, Any]:

@@ -17,11 +17,11 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from fsw_control.coded import Fact
 from fsw_hmi.answers import Answer, Loss
-from fsw_hmi.control_room import ControlRoom, Order, Verdict
+from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import History, Page
 from fsw_hmi.page_files import PageFiles
-from fsw_hmi.requests import Action, SafeStop
+from fsw_hmi.requests import SafeStop
 
 #: kinds of frames that do not belong to one weld
 _LASTING = ("state", "alarms", "actions")
@@ -48,7 +48,7 @@ class LivePage:
         self._files, self._room, self._deliver, self._touch = files, room, deliver, touch
         # one thread: a flood of logins takes no more of the processor
         self._logins = ThreadPoolExecutor(1, "login", _step_back)
-        self._checks: set[asyncio.Task[None]] = set()
+        self._checking: asyncio.Task[None] | None = None
         self._pages: set[Page] = set()
         self._history = History()
         self._latest: dict[str, str] = {}  # frames for a new page, by kind
@@ -98,7 +98,7 @@ class LivePage:
 
     def _look_at_control(self) -> None:
         for record in self._room.tick(time.monotonic()):
-            self._hand_on(record)
+            self._deliver(record)
         self._show_control()
 
     # ---------------------------------------------------------------- one page
@@ -163,31 +163,28 @@ class LivePage:
             if message["type"] == "websocket.disconnect":
                 page.closed = message.get("code") in _CLOSED
                 return
-            verdict = self._room.handle(page.session, message.get("text"), time.monotonic())
-            if verdict.close:  # the answer before, not in the queue
-                if verdict.id is not None:
-                    await socket.send_text(_answer(verdict.id, verdict.answer))
+            order = self._room.handle(page.session, message.get("text"), time.monotonic())
+            if order.close:  # the answer before, not in the queue
+                if order.id is not None:
+                    await socket.send_text(_answer(order.id, order.answer))
                 page.closed = True
                 await socket.close(_POLICY, "too many bad requests")
                 return
-            if verdict.credentials is not None and verdict.id is not None:
-                check = asyncio.create_task(self._check(page, verdict.id, verdict.credentials))
-                self._checks.add(check)
-                check.add_done_callback(self._checks.discard)
-            else:
-                self._carry_out(page, verdict)
+            self._carry_out(page, order)
+            if page.session.login and (self._checking is None or self._checking.done()):
+                self._checking = asyncio.create_task(self._check_logins())
 
-    async def _check(self, page: Page, request: int, credentials: tuple[str, str]) -> None:
-        """Check a password without delaying the page's other requests, above all a safe stop."""
-        room, session = self._room, page.session
-        try:
-            loop = asyncio.get_running_loop()
-            user = await loop.run_in_executor(self._logins, room.check, *credentials)
-            verdict = room.on_checked(session, credentials, user, time.monotonic())
-        except (MemoryError, ValueError, RuntimeError):  # for want of memory, or at the end
-            verdict = room.on_busy(session)
-        if page in self._pages:
-            self._carry_out(page, replace(verdict, id=request))
+    async def _check_logins(self) -> None:
+        """Check the passwords that wait without delaying other requests, above all a safe stop."""
+        room, loop = self._room, asyncio.get_running_loop()
+        while (session := room.next_login()) is not None:
+            user = None
+            with contextlib.suppress(MemoryError, ValueError, RuntimeError):  # or at the end
+                user = await loop.run_in_executor(self._logins, room.check, session)
+            order = room.on_checked(session, user, time.monotonic())
+            for page in [*self._pages]:
+                if page.session is session and not page.superseded:
+                    self._carry_out(page, order)
 
     def end(self) -> None:
         """Prepare for the server closing all pages."""
@@ -198,21 +195,20 @@ class LivePage:
         self._logins.shutdown(wait=False, cancel_futures=True)
         self._look_at_control()
 
-    def _carry_out(self, page: Page, verdict: Verdict) -> None:
-        session = page.session
-        self._touch(page.peer, bool(session.name))
+    def _carry_out(self, page: Page, order: Order) -> None:
+        self._touch(page.peer, bool(page.session.name))
         self._show_control()
-        if verdict.action is not None and verdict.id is not None:
-            self._order(page, verdict.id, verdict.action, verdict)
+        if order.action is not None and order.id is not None:
+            self._order(page, order.id, order)
             return
-        if verdict.id is not None:
-            page.answer(_answer(verdict.id, verdict.answer))
-        if verdict.asked:
-            self._hand_on(Order(session.who, verdict.kind, verdict.asked, verdict.answer))
+        if order.id is not None and order.answer.outcome:
+            page.answer(_answer(order.id, order.answer))
+        if order.asked:
+            self._deliver(order)
 
-    def _order(self, page: Page, request: int, action: Action, verdict: Verdict) -> None:
+    def _order(self, page: Page, request: int, order: Order) -> None:
         ids = [request]
-        if isinstance(action, SafeStop):
+        if isinstance(order.action, SafeStop):
             page.stops.append(request)
             ids = page.stops
             if len(ids) > 1:
@@ -224,12 +220,7 @@ class LivePage:
                 page.answer(_answer(number, answer))
             ids.clear()
 
-        who = page.session.who
-        self._hand_on(Order(who, verdict.kind, verdict.asked, action=action, reply=reply))
-
-    def _hand_on(self, order: Order) -> None:
-        holder = self._room.holder
-        self._deliver(replace(order, holder=holder.who if holder else ""))
+        self._deliver(replace(order, reply=reply))
 
     def _show_control(self) -> None:
         """Send changes of control to the pages that they concern."""

@@ -22,7 +22,10 @@ class Desk:
     """A list with a clock that is set by hand."""
 
     def __init__(self):
-        self.list = AlarmList(lambda count, priority: Alarm(f"{count} more", "", "", priority))
+        self.events = []
+        self.list = AlarmList(
+            lambda count, priority: Alarm(f"{count} more", "", "", priority), self.note
+        )
         self.now_s = 0.0
 
     def update(self, now_s, **present):
@@ -44,9 +47,12 @@ class Desk:
     def shelve(self, name, minutes=1.0):
         return self.list.shelve(name, minutes, "anna", "it is known", self.now_s)
 
+    def note(self, name, kind, entry, who="", *_):
+        self.events.append((name, kind.word, entry.count, who))
+
     def told(self):
-        events, self.list.events = self.list.events, []
-        return [(one.id, one.kind.word, one.count, one.who) for one in events]
+        events, self.events = self.events, []
+        return events
 
 
 @pytest.fixture
@@ -371,14 +377,13 @@ class AnyOrder(RuleBasedStateMachine):
 
     @invariant()
     def the_journal_tells_what_is_present(self):
-        for one in self.desk.list.events:
-            if one.kind in (AlarmChange.RAISED, AlarmChange.RE_RAISED):
-                assert not self.told.get(one.id)
-                self.told[one.id] = True
-            elif one.kind is AlarmChange.CLEARED:
-                assert self.told[one.id]
-                self.told[one.id] = False
-        self.desk.list.events = []
+        for name, kind, *_ in self.desk.told():
+            if kind in (AlarmChange.RAISED.word, AlarmChange.RE_RAISED.word):
+                assert not self.told.get(name)
+                self.told[name] = True
+            elif kind == AlarmChange.CLEARED.word:
+                assert self.told[name]
+                self.told[name] = False
         present = {name for name, one in self.desk.list.entries.items() if one.present}
         assert present == {name for name, is_present in self.told.items() if is_present}
 

@@ -68,12 +68,11 @@ GOOD = {
 
 
 def handle(room, session, text, now_s):
-    """The verdict on a message, on a login after its check."""
-    verdict = room.handle(session, text, now_s)
-    if verdict.credentials is None:
-        return verdict
-    user = room.check(*verdict.credentials)
-    return room.on_checked(session, verdict.credentials, user, now_s)
+    """The order of a message, of a login after its check."""
+    order = room.handle(session, text, now_s)
+    if session.login is None:
+        return order
+    return room.on_checked(session, room.check(session), now_s)
 
 
 class Desk:

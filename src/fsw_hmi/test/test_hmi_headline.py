@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from fsw_analysis.rule_book import Limit, default
+from fsw_hmi.alarm_rules import Situation
 from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
-from fsw_hmi.headline import Now, headline
-from fsw_hmi.limits import limits
-from fsw_hmi.standing import flags, outside_now, variables
+from fsw_hmi.headline import headline
+from fsw_hmi.limits import flags, limits, outside_now, variables
 from fsw_test_support import hmi_situation
 
 INTERLOCKS = {"interlocks.depth_high.warn": 3.4, "interlocks.depth_high.trip": 3.6}
-LIMITS = limits(INTERLOCKS, default(), {"deviation_force_kn": 5.0, "deviation_speed_rpm": 20.0})
+LIMITS = limits(INTERLOCKS, default())
 GOOD = hmi_situation.GOOD | {"torque_nm": 1060.0, "power_kw": 45.0}
 AUTO = {"known": True, "actual_mode": "auto", "reason": "", "acknowledged": False}
 ACCOUNT = {"level": "good", "text": "Good", "detail": ""}
@@ -27,8 +27,15 @@ def alarm(priority: str, state: str = "active") -> dict[str, str]:
     return {"priority": priority, "state": state, "what": f"{priority} one", "why": "so", **codes}
 
 
-def now(**changed: Any) -> Now:
-    return Now(**{"tick_age_s": 0.1, "state": AUTO, "account": ACCOUNT, **changed})
+def shown(
+    alarms: Any = (), account: Any = ACCOUNT, recording: str = "none", **changed: Any
+) -> dict[str, str]:
+    """The headline; a state that is not known is one whose supervisor is silent."""
+    changed = {"tick_age_s": 0.1, "state": AUTO, **changed}
+    known = changed["state"]["known"]
+    outside = {quantity: [flag] for quantity, flag in changed.pop("flags", {}).items()}
+    now = Situation(state_age_s=0.1 if known else 60.0, outside=outside, **changed)
+    return headline(now, alarms, account, recording)
 
 
 @pytest.mark.parametrize(
@@ -71,7 +78,7 @@ def now(**changed: Any) -> Now:
     ],
 )
 def test_headline_is_the_worst(changed: dict[str, Any], level: str, text: str) -> None:
-    found = headline(now(**changed))
+    found = shown(**changed)
     assert (found["level"], found["text"]) == (level, text)
 
 
@@ -98,9 +105,7 @@ RETRACT = "retract_and_acknowledge"
 def test_what_follows_the_weld_is_said_once_it_is_over(
     programme: str, state: dict[str, Any], action: str, account: dict[str, str] | None
 ) -> None:
-    found = headline(
-        now(programme=programme, state=AUTO | state, account=account, recording="recording")
-    )
+    found = shown(programme=programme, state=AUTO | state, account=account, recording="recording")
     assert found["after"] == ACTIONS[action]
 
 

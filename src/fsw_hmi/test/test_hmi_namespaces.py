@@ -30,7 +30,7 @@ def test_each_page_shows_the_fault_of_its_own_weld_alone(domain_id):
                 publishers[cell].publish([line])
             for _ in range(len(WELDS) ** 2):  # a message for each page from each weld
                 graph.spin()
-            return all(watch.sensor_states for watch in watches.values())
+            return all(watch.now.sensor_states for watch in watches.values())
 
         graph.until(told, "the pages")
         for cell, watch in watches.items():
@@ -39,7 +39,9 @@ def test_each_page_shows_the_fault_of_its_own_weld_alone(domain_id):
                 "fsw_supervisor": ["process"]
             }
             assert shown["fsw_supervisor"]["process"].text == WELDS[cell].words
-            assert watch.sensor_states["thermocouple"] == WELDS[cell].values["thermocouple state"]
+            assert (
+                watch.now.sensor_states["thermocouple"] == WELDS[cell].values["thermocouple state"]
+            )
     finally:
         for node in nodes:
             node.destroy_node()

@@ -55,11 +55,8 @@ class Place:
         )
 
     def log_in(self, name, password=PASSWORD):
-        verdict = self.ask("login", name=name, password=password)
-        if verdict.credentials is None:
-            return verdict
-        user = self.hall.room.check(*verdict.credentials)
-        return self.hall.room.on_checked(self.session, verdict.credentials, user, self.hall.now_s)
+        order = self.ask("login", name=name, password=password)
+        return order if self.session.login is None else self.hall.check(self.session)
 
     def take(self):
         return self.ask("take_control")
@@ -74,6 +71,9 @@ class Hall:
         self.now_s = 1000.0
         self.room = ControlRoom(named_users(), **rules)
 
+    def check(self, session):
+        return self.room.on_checked(session, self.room.check(session), self.now_s)
+
     def news(self, *places):
         return [self.room.news(one.session, self.now_s) is not None for one in places]
 
@@ -87,10 +87,8 @@ def test_login_is_told_as_the_file_spells_the_name(hall):
     place = Place(hall)
     assert place.log_in("EGON").answer == Code.LOGGED_IN.done(name="egon")
     assert place.session.who == f"egon ({place.session.id})"
-    assert place.ask("login", name="egon", token=PASSWORD).credentials == (
-        "egon",
-        "",
-    )  # a token is none
+    place.ask("login", name="egon", token=PASSWORD)
+    assert place.session.login.password == ""  # a token is none
 
 
 @pytest.mark.requirement("S30")
@@ -104,26 +102,84 @@ def test_page_with_wrong_passwords_keeps_nobody_out_not_even_its_own_address(hal
 
 
 @pytest.mark.requirement("S30")
-def test_one_password_of_a_session_and_two_of_a_client_wait_and_a_busy_check_is_no_refusal(hall):
-    places, far = [Place(hall) for _ in range(3)], Place(hall, address="192.0.2.9")
-    for place in places[:2]:
-        first = place.ask("login", name="otto", password=PASSWORD)
-        assert first.credentials == ("otto", PASSWORD)
-        busy = place.ask("login", name="otto", password=PASSWORD)
-        assert (busy.credentials, busy.answer.code) == (None, "busy")
-    assert places[2].ask("login", name="otto", password=PASSWORD).answer.code == "busy"
-    assert far.log_in("egon").answer.outcome == DONE
-    assert hall.room.on_busy(places[0].session).answer.outcome == TIMED_OUT
-    assert places[2].log_in("otto").answer.outcome == DONE
-    assert Place(hall).ask("login", name="olga", password="x" * 129).credentials is None
+def test_one_password_of_a_page_waits_and_a_busy_check_is_no_refusal(hall):
+    place = Place(hall)
+    assert place.ask("login", name="otto", password=PASSWORD).answer.outcome == ""
+    assert place.ask("login", name="otto", password=PASSWORD).answer.code == "busy"
+    assert hall.room.on_checked(place.session, None, hall.now_s).answer.outcome == TIMED_OUT
+    assert place.ask("login", name="otto", password="x" * 129).answer.code == "too_long"
+    assert place.log_in("otto").answer.outcome == DONE
+
+
+def guess(hall, places, number):
+    for place in places:
+        place.ask("login", name="otto", password=f"guess {number}")
+
+
+def checked_before(hall, place):
+    """How many others are checked before a page."""
+    for count in range(1000):
+        session = hall.room.next_login()
+        answer = hall.check(session).answer
+        if session is place.session:
+            return count
+        assert answer.code == "wrong_password"
+    raise AssertionError
 
 
 @pytest.mark.requirement("S30")
-def test_passwords_that_wait_for_their_check_are_bounded(hall):
-    places = [Place(hall, address=f"192.0.2.{number}") for number in range(100)]
-    asked = [one.ask("login", name="otto", password=PASSWORD) for one in places]
-    assert [number for number, one in enumerate(asked) if one.credentials] == [*range(64)]
-    assert {one.answer.code for one in asked[64:]} == {"busy"}
+def test_login_comes_before_those_of_guessers_elsewhere_even_after_a_mistake(hall):
+    guessers = [Place(hall, address=f"192.0.2.{number}") for number in range(64)]
+    guess(hall, guessers, 0)
+    otto = Place(hall, address="192.0.2.99")
+    for number in range(1, 4):  # already before the first guess, and after mistakes
+        otto.ask("login", name="otto", password="a mistake")
+        assert checked_before(hall, otto) <= 1
+        for place in 2 * guessers:
+            guess(hall, [place], number)
+            hall.check(place.session)
+        guess(hall, guessers, number)
+
+
+@pytest.mark.requirement("S30")
+def test_login_comes_before_those_of_pages_at_its_address_that_have_guessed(hall):
+    guessers = [Place(hall) for _ in range(64)]
+    for number in range(2):
+        guess(hall, guessers, number)
+        for place in guessers if number == 0 else ():
+            hall.check(place.session)
+    otto = Place(hall)
+    otto.ask("login", name="otto", password=PASSWORD)
+    guess(hall, [Place(hall)], 2)  # one that connects again does not come before
+    assert checked_before(hall, otto) <= 1
+
+
+@pytest.mark.requirement("S30")
+def test_login_waits_at_most_twice_as_many_checks_as_logins_waited_before_it(hall):
+    """Even when every check is followed by a guess from an address without a wrong one."""
+    places = [Place(hall, address=f"192.0.2.{number}") for number in range(5)]
+    guess(hall, places, 0)
+    otto = Place(hall, address="192.0.2.99")
+    for _ in range(2):  # the first is a mistake
+        before = sum(place.session.login is not None for place in places)
+        otto.ask("login", name="otto", password="a mistake")
+        for number in range(2 * before + 2):
+            places.append(Place(hall, address=f"198.51.{len(places)}.1"))
+            guess(hall, places[-1:], number)
+            hall.check(session := hall.room.next_login())
+            if session is otto.session:
+                break
+        assert session is otto.session
+
+
+def test_logins_of_pages_that_leave_are_forgotten(hall):
+    places = [Place(hall) for _ in range(3)]
+    guess(hall, places, 0)
+    for place in places[:2]:
+        hall.room.leave(place.session)
+    assert hall.room.next_login() is places[2].session
+    hall.room.leave(places[2].session)
+    assert hall.room.next_login() is None
 
 
 def test_another_person_does_not_get_control_by_logging_in_at_the_same_page(hall):
@@ -214,7 +270,8 @@ def test_same_person_takes_control_along_to_another_page(hall):
     token = ControlRoom(Users(token="a token of some length"))
     pages = [token.join(THERE) for _ in range(2)]
     for page in pages:  # with a token a name proves nothing
-        token.on_checked(page, ("otto", ""), "otto", 0.0)
+        token.handle(page, json.dumps({"id": 1, "do": "login", "name": "otto", "token": "x"}), 0.0)
+        token.on_checked(page, "otto", 0.0)
     token.handle(pages[0], json.dumps({"id": 2, "do": "take_control"}), 0.0)
     again = token.handle(pages[1], json.dumps({"id": 2, "do": "take_control"}), 0.0)
     assert again.answer.outcome == REFUSED
@@ -263,7 +320,10 @@ def test_logins_are_recorded_without_what_a_stranger_has_typed_in(hall):
     stranger.log_in("egon", "another guess")
     assert len(hall.room.tick(hall.now_s)) == 1
     token = ControlRoom(Users(token="a token of some length"))
-    token.on_checked(token.join(THERE), ("secret", "also-secret"), "", 0.0)
+    page = token.join(THERE)
+    request = {"id": 1, "do": "login", "name": "secret", "token": "also-secret"}
+    token.handle(page, json.dumps(request), 0.0)
+    token.on_checked(page, "", 0.0)
     (recorded,) = token.tick(0.0)
     assert "secret" not in str(recorded)
 

@@ -28,14 +28,14 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
 from fsw_control.sensors import OPTIONAL
+from fsw_hmi.alarm_rules import Situation
 from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
-from fsw_hmi.control_room import ControlRoom, Verdict
+from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.frames import COLUMNS
-from fsw_hmi.headline import Now, headline
-from fsw_hmi.limits import limits, reference
+from fsw_hmi.headline import headline
+from fsw_hmi.limits import limits, outside_now, reference, worst
 from fsw_hmi.security import Security
-from fsw_hmi.standing import outside_now, worst
 from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.users import Users
 from fsw_test_support.machine import free_port
@@ -51,7 +51,7 @@ _INTERLOCKS = {
     **{"interlocks.temperature_low.trip": 790.0, "interlocks.temperature_high.trip": 910.0},
 }
 SAFE = {"force_kn": 65.0, "rate_kn_per_s": 2.0}
-LIMITS = limits(_INTERLOCKS, default(), {"deviation_force_kn": 5.0, "deviation_speed_rpm": 20.0})
+LIMITS = limits(_INTERLOCKS, default())
 
 
 def exact(value: float) -> float | None:
@@ -130,7 +130,7 @@ class FakeHmi:
         self.held_s: float | None = None  #: the weld's clock, when it hardly moves
         self._sessions: dict[str, tuple[WebSocket, Session]] = {}
         self._last_tick_s = 0.0
-        self._flags: dict[str, dict[str, str]] = {}
+        self._outside: dict[str, list[dict[str, Any]]] = {}
         self._stopping = StopProgress()
         self._loop: asyncio.AbstractEventLoop | None = None
         app = Starlette(
@@ -250,14 +250,14 @@ class FakeHmi:
                 self._last_tick_s = time.time()
                 row = self._row(self._time_s())
                 shown = dict(zip(COLUMNS[1:], row[1:], strict=True))
-                self._flags = worst(outside_now(shown, self.progress, default(), LIMITS))
+                self._outside = outside_now(shown, self.progress, default(), LIMITS)
                 values = dict(zip(COLUMNS, row, strict=True))
                 stop = self._stopping.at(self.state["actual_mode"] == "safe_stop", values, SAFE)
                 tick = {
                     "t": "tick",
                     "server_s": self._last_tick_s,
                     "row": list(map(exact, row)),
-                    "flags": self._flags,
+                    "flags": worst(self._outside),
                     "stop": stop,
                 }
                 frames.append(tick)
@@ -277,16 +277,15 @@ class FakeHmi:
 
     def _headline(self) -> dict[str, Any]:
         programme = self.progress["state"] if self.progress else ""
-        now = Now(
-            self._tick_age_s(),
-            self.alarms,
-            self._flags,
-            self.state,
-            self.account,
-            programme,
-            self.recording["state"],
+        now = Situation(
+            state=self.state,
+            state_age_s=0.0 if self.state["known"] else math.inf,
+            programme=programme,
+            tick_age_s=self._tick_age_s(),
+            outside=self._outside,
         )
-        return {"t": "headline", **headline(now)}
+        shown = headline(now, self.alarms, self.account, self.recording["state"])
+        return {"t": "headline", **shown}
 
     def _time_s(self) -> float:
         if self.held_s is None:
@@ -346,17 +345,17 @@ class FakeHmi:
         if command in self.refusals:
             return Answer(REFUSED, "", self.refusals[command])
         now_s = time.monotonic()
-        verdict = self._room.handle(session, json.dumps(request), now_s)
-        if verdict.credentials:
-            user = self._room.check(*verdict.credentials)
-            verdict = self._room.on_checked(session, verdict.credentials, user, now_s)
-        if verdict.action:
+        order = self._room.handle(session, json.dumps(request), now_s)
+        if session.login:
+            order = self._room.on_checked(session, self._room.check(session), now_s)
+        answer = order.answer
+        if order.action:
             self._act(command, request)
-            verdict = Verdict(request["id"], Answer(DONE, "", ""), asked=verdict.asked)
-        if verdict.asked:
-            done = {"who": session.who, "action": verdict.asked, **verdict.answer._asdict()}
+            answer = Answer(DONE, "", "")
+        if order.asked:
+            done = {"who": order.who, "action": order.asked, **answer._asdict()}
             self.actions.append({"server_s": time.time(), **done})
-        return verdict.answer
+        return answer
 
     def _act(self, command: str, request: dict[str, Any]) -> None:
         if command == "safe_stop":

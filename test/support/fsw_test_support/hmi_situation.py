@@ -7,12 +7,9 @@ from typing import Any
 
 from fsw_analysis.rule_book import RuleBook, default
 from fsw_control.cause import Cause
-from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import Part, Situation
-from fsw_hmi.limits import DEVIATIONS, limits
-from fsw_hmi.parameters import HmiParameters
-from fsw_hmi.standing import outside_now
+from fsw_hmi.limits import limits, outside_now
 from fsw_scenario.procedure import ProcedureWatch
 from fsw_test_support.judged_weld import short_procedure
 
@@ -91,9 +88,7 @@ def situation(
     }
     usual |= {"sample_age_s": {"depth": 0.0, "torque": 0.0, "thermocouple": 0.0}}
     now, book = changed.setdefault("values", GOOD | dict(values or {})), book or default()
-    own = limits(
-        interlocks or {}, book, {name: defaults(HmiParameters)[name] for name in DEVIATIONS}
-    )
+    own = limits(interlocks or {}, book)
     changed["outside"] = outside_now(now, {"phase": phase}, book, own)
     return Situation(**usual | changed)
 

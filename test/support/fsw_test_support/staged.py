@@ -6,17 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fsw_analysis.rule_book import default
 from fsw_control.cause import Cause
 from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import AlarmRules, Part, Situation
 from fsw_hmi.alarm_texts import flood
 from fsw_hmi.alarms import AlarmList
-from fsw_hmi.headline import Now, headline
+from fsw_hmi.headline import headline
 from fsw_hmi.parameters import HmiParameters
-from fsw_hmi.standing import outside_now, worst
-from fsw_test_support.fake_hmi import LIMITS, good_account
+from fsw_test_support.fake_hmi import good_account
 from fsw_test_support.hmi_situation import (
     controller,
     gateway,
@@ -237,17 +235,7 @@ def page_of(staged: Staged) -> tuple[list[dict[str, Any]], dict[str, str]]:
             alarms.update(rules.present(moment, now_s), now_s)
             now_s += _LOOK_S
     rows, last = alarms.rows(now_s, 0.0), staged.moments[-1]
-    flags = worst(outside_now(dict(last.values), None, default(), LIMITS))
-    now = Now(
-        last.tick_age_s,
-        rows,
-        flags,
-        last.state or {},
-        good_account(),
-        last.programme,
-        staged.recording,
-    )
-    return rows, headline(now)
+    return rows, headline(last, rows, good_account(), staged.recording)
 
 
 def sentence(shown: Mapping[str, str]) -> str:
