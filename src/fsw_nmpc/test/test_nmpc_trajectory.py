@@ -232,17 +232,56 @@ def test_trajectories_end_at_attainable_set_points(library):
     """At rest where the slowest speed holds the temperature, a colder set-point moves nothing."""
     _, paths, _ = trajectories(library, temperature_c=800.0, limits=Limits(speed_min_rpm=REST_RPM))
     assert paths[0] == pytest.approx(2.66, abs=1e-9)
-    assert paths[1] == pytest.approx(816.4, abs=1e-6)
+    assert paths[1] == pytest.approx(816.4, abs=1.5)  # beyond it by the uncertainty of the heat
 
 
-def test_approach_to_an_attainable_temperature_follows_the_copper_lag(library):
-    """With a shallower tool, the highest speed lets the copper cool with its lag, and no faster."""
+#: set-points beyond what the spindle at rest can hold, with the bound that it is at
+BEYOND = [("speed_max_rpm", 840.0), ("speed_min_rpm", 795.0)]
+
+
+@pytest.mark.parametrize(("bound", "temperature_c"), BEYOND)
+@pytest.mark.parametrize("known_kw", [-2.0, 2.0])
+def test_known_heat_changes_what_a_bound_brings_and_costs_no_depth(
+    library, bound, temperature_c, known_kw
+):
+    """Without it the speed would leave the bound before heat that helps, and the depth make up for heat that does not."""
+    h = library.horizon
+    ahead_kw = np.where(np.cumsum(h.step_length_s) > 4.0, known_kw, 0.0).tolist()
+    library.input.known_ahead_kw[0 : len(ahead_kw)] = ahead_kw
+    limits = Limits(**{bound: REST_RPM})
+    _, (_, temperature), _ = trajectories(library, temperature_c=temperature_c, limits=limits)
+    library.step()
+    library.input.known_ahead_kw[0 : len(ahead_kw)] = [0.0] * len(ahead_kw)
+    planned = library.output
+    assert (temperature[-1] - 816.4) / known_kw > 5.0
+    assert planned.plan_temperature_c[h.n_out - 1] == pytest.approx(temperature[-1], abs=1.5)
+    assert list(planned.plan_depth_mm[0 : h.n_out]) == pytest.approx([2.66] * h.n_out, abs=0.02)
+
+
+@pytest.mark.parametrize(("bound", "temperature_c"), BEYOND)
+def test_depth_to_come_changes_what_a_bound_brings_from_its_time_on(library, bound, temperature_c):
+    deep, flat = (
+        trajectories(
+            library,
+            temperature_c=temperature_c,
+            limits=Limits(**{bound: REST_RPM}),
+            changes=[(12.0, depth_mm, temperature_c)],
+        )[1][1]
+        for depth_mm in (2.60, 2.66)
+    )
+    assert deep[0:50] == pytest.approx(flat[0:50], abs=1e-3)  # 5 s
+    assert deep[-1] < flat[-1] - 2.0
+
+
+def test_shallower_tool_at_a_bound_cools_as_its_path_says(library):
+    """The force that lifts the tool takes heat: the path has it, so the plan follows both paths at the highest speed."""
     wide = Tuning(quality_temperature_min_c=0.0, quality_temperature_max_c=2000.0)
-    time_s, (_, temperature), _ = trajectories(
+    _, (depth, temperature), _ = trajectories(
         library, depth_mm=2.56, tuning=wide, limits=Limits(speed_max_rpm=REST_RPM)
     )
-    _, held = library.output.attainable
-    assert held == pytest.approx(held_temperature_c(REST_RPM, 2.56), abs=1e-3)
-    left = np.exp(-np.maximum(time_s - nominal().dead_time_s, 0.0) / nominal().copper_lag_s)
+    library.step()
+    held, planned, n = held_temperature_c(REST_RPM, 2.56), library.output, library.horizon.n_out
+    assert library.output.attainable[1] == pytest.approx(held, abs=1e-3)
     assert 816.4 - held > 5.0
-    assert (temperature - held >= left * (816.4 - held) - 1e-6).all()
+    assert list(planned.plan_temperature_c[0:n]) == pytest.approx(temperature, abs=1.5)
+    assert list(planned.plan_depth_mm[0:n]) == pytest.approx(depth, abs=0.02)

@@ -274,10 +274,7 @@ int fsw_nmpc_begin(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) 
 static int judge(const fsw_nmpc *c, const double *moves, const double *depth, const double *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
-  double sum = 0.0;
-  for (int j = 0; j < 2 * m->n_blocks; j++) sum += moves[j];
-  for (int i = 0; i < m->n_out; i++) sum += depth[i] + temp[i];
-  if (!fsw_is_finite(sum)) return FSW_NOT_FINITE;
+  if (!fsw_is_finite(total(moves, 2 * m->n_blocks) + total(depth, m->n_out) + total(temp, m->n_out))) return FSW_NOT_FINITE;
   for (int q = 0; q < 2; q++) {
     const double now = c->applied[q], slack = ACCEPTED * fsw_reach(t, q);
     const double low = fsw_least(t, q), high = fsw_most(t, q);

@@ -51,8 +51,6 @@ void fsw_estimator_walk(const fsw_estimator_tuning *t, double walk[N]) {
   for (int i = 0; i < N; i++) walk[i] = of_states[i];
 }
 
-static double deeper_than_zero(double depth_mm) { return depth_mm > 0.0 ? depth_mm : 0.0; }
-
 /* Depth that the tool feels, (27), and, unless row is NULL, its derivative by the states. */
 double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double row[N]) {
   const double *x = e->x;
@@ -197,14 +195,13 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
   fsw_known_heat_rise(e, t, in);
   linear_rows(e, m, t);
   const double before = fsw_contact_depth(e, m, left_row);
-  const fsw_torque left = fsw_torque_at(m, 1.0, force, deeper_than_zero(before));
+  const fsw_torque left = fsw_torque_at(m, 1.0, force, fmax(before, 0.0));
   for (int i = 0; i < N; i++) left_row[i] *= scale * left.by_depth;
   left_row[FSW_FORCE] += scale * left.by_force;
   left_row[FSW_SCALE] = left.value;
 
-  const double heat = x[FSW_HEAT];
-  double copper = mode[5] * x[FSW_COPPER] + mode[8] * heat;
-  double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * heat;
+  double copper = x[FSW_COPPER], tool = x[FSW_TOOL];
+  fsw_heat_step(mode, x[FSW_HEAT], &copper, &tool);
   for (int k = m->weight_start[0]; k < m->weight_start[1]; k++) {
     const double *g = m->weight + 6 * k, *power = e->history + 3 * m->weight_segment[k];
     copper += g[0] * power[0] + g[1] * power[1] + g[2] * power[2];
@@ -215,7 +212,7 @@ static void predict(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_estimat
   x[FSW_COPPER] = copper;
   x[FSW_TOOL] = tool;
   const double soft = 1.0 + m->softening_per_c * tool, moved = settled + x[FSW_CREEP] + x[FSW_SLOW];
-  const fsw_torque right = fsw_torque_at(m, 1.0, force, deeper_than_zero(soft * moved));
+  const fsw_torque right = fsw_torque_at(m, 1.0, force, fmax(soft * moved, 0.0));
   for (int i = 0; i < N; i++)
     right_row[i] = scale * right.by_depth *
                    (soft * (e->a[FSW_CREEP][i] + e->a[FSW_SLOW][i]) + m->softening_per_c * moved * e->a[FSW_TOOL][i]);

@@ -9,6 +9,12 @@
 static inline int fsw_is_finite(double x) { return x - x == 0.0; }
 static inline double fsw_clip(double x, double low, double high) { return x < low ? low : (x > high ? high : x); }
 
+/* Copper and tool (16) over a step of constant power. */
+static inline void fsw_heat_step(const double *mode, double power_kw, double *copper, double *tool) {
+  *tool = mode[6] * *copper + mode[7] * *tool + mode[9] * power_kw;
+  *copper = mode[5] * *copper + mode[8] * power_kw;
+}
+
 /* Bounds and largest change per tick of input q. */
 static inline double fsw_least(const fsw_nmpc_tuning *t, int q) { return q ? t->speed_min_rpm : t->force_min_kn; }
 static inline double fsw_most(const fsw_nmpc_tuning *t, int q) { return q ? t->speed_max_rpm : t->force_max_kn; }

@@ -19,8 +19,7 @@ void fsw_known_heat_start(fsw_estimator *e, const fsw_nmpc_model *m, const fsw_e
                           const fsw_nmpc_input *in) {
   e->known_weight = 1.0;
   if (!(in->known_deviation_kw > 0.0)) return;
-  const double heat = t->known_heat_start_kw, rate = heat * m->thermal_gain_c_per_kw / m->copper_lag_s;
-  const double copper = rate * m->tool_lag_s;
+  const double heat = t->known_heat_start_kw, copper = heat * m->thermal_gain_c_per_kw / m->copper_lag_s * m->tool_lag_s;
   e->p[FSW_HEAT][FSW_HEAT] += heat * heat;
   e->p[FSW_COPPER][FSW_COPPER] += copper * copper;
   e->p[FSW_HEAT][FSW_COPPER] = e->p[FSW_COPPER][FSW_HEAT] = heat * copper;

@@ -45,8 +45,7 @@ static void step_depth(const double *mode, double gain, double pushed, int width
 /* Copper and tool (16), driven by the power of one dead time ago. */
 static void step_heat(const fsw_nmpc_model *m, const fsw_start *s, int k, int width, fsw_point *z, fsw_path *p) {
   const double *mode = m->modes + k * FSW_MODES, heat = s->x[FSW_HEAT] + s->heat_ahead_kw[k];
-  z->tool = mode[6] * z->copper + mode[7] * z->tool + mode[9] * heat;
-  z->copper = mode[5] * z->copper + mode[8] * heat;
+  fsw_heat_step(mode, heat, &z->copper, &z->tool);
   for (int j = 0; j < width; j++) {
     p->d_tool[j] = mode[6] * p->d_copper[j] + mode[7] * p->d_tool[j];
     p->d_copper[j] = mode[5] * p->d_copper[j];

@@ -133,8 +133,7 @@ static double residuals(fsw_workspace *w, double *primal, double *dual) {
     h->work[k] = sl;
   }
   const double gap = sum_of(f->work, n) + sum_of(h->work, 4 * nv);
-  const double soft_residual = largest_size(f->residual, n), hard_residual = largest_size(h->residual, 4 * nv);
-  *primal = soft_residual > hard_residual ? soft_residual : hard_residual;
+  *primal = fmax(largest_size(f->residual, n), largest_size(h->residual, 4 * nv));
   for (int r = 0; r < w->n_rows; r++) {
     w->row_force[r] = w->square[r] * (w->value[r] - 0.5 * (w->low[r] + w->high[r]));
     w->row_pivot[r] = w->square[r];
@@ -236,9 +235,7 @@ static double direction(fsw_workspace *w, double mu, double second, double *gap_
   /* the predictor, which is not taken, needs the change of soft rows only */
   fsw_row_products(w, gap_there ? w->n_kept : 0, w->step, w->change, w->input_change);
   expand(w);
-  const double soft_ratio = largest_of(f->work, n), hard_ratio = largest_of(h->work, 4 * nv);
-  const double ratio = soft_ratio > hard_ratio ? soft_ratio : hard_ratio;
-  const double alpha = ratio > 1.0 ? 1.0 / ratio : 1.0;
+  const double alpha = 1.0 / fmax(1.0, fmax(largest_of(f->work, n), largest_of(h->work, 4 * nv)));
   if (gap_there) {
     for (int k = 0; k < n; k++)
       f->work[k] = (f->s[k] + alpha * f->ds[k]) * (f->lambda[k] + alpha * f->dlambda[k]) +
@@ -273,11 +270,9 @@ static void advance(fsw_workspace *w, double alpha) {
 /* Outputs of the linear model at the solution. A nonlinear prediction would cost another pass over
  * the horizon; the next tick measures the difference. */
 static void outputs(const fsw_nmpc_model *m, const fsw_workspace *w, double *depth, double *temp) {
-  for (int r = 0; r < 2 * m->n_out; r++) {
-    const int is_temp = r >= m->n_out, i = is_temp ? r - m->n_out : r;
-    const double value = w->output[r] + fsw_dot(w->by[r], w->z, is_temp ? m->temperature_width[i] : m->depth_width[i]);
-    if (is_temp) temp[i] = value;
-    else depth[i] = value;
+  for (int i = 0, n = m->n_out; i < n; i++) {
+    depth[i] = w->output[i] + fsw_dot(w->by[i], w->z, m->depth_width[i]);
+    temp[i] = w->output[n + i] + fsw_dot(w->by[n + i], w->z, m->temperature_width[i]);
   }
 }
 

@@ -9,7 +9,7 @@
  * internal model control (Morari and Zafiriou 1989) with the tuning's time constants as its
  * filter. Known future set-points are approached early enough that the output is half way in time.
  * Set-points that the speed's bounds exclude are replaced by the nearest attainable ones, see
- * make_attainable.
+ * make_attainable; the temperature's trajectory is then what the bound brings, see keep_within_reach.
  *
  * The paper's corridors (32), (33) are of first order. The text does not say where they start in
  * each cycle; its tool offers FSW_CONSTANT (at the set-point), FSW_COLD_START (once at the output,
@@ -24,6 +24,9 @@
 #define AT_REST_C 2e-5
 #define LONGEST_LEAD_S 30.0
 #define BISECTIONS 20
+/* The estimated heat is uncertain by so much: a temperature beyond reach is sought with this much more
+ * than a bound gives (chosen), so that noise does not move the speed from its bound. */
+#define MORE_KW 0.15
 
 typedef struct {
   double slow_s, fast_s, at_rest, brake_share, acceleration, least_rate, top_rate;
@@ -143,75 +146,71 @@ static void make_attainable(const fsw_nmpc *c, double goal[2]) {
   goal[1] = bound ? fsw_clip(goal[1], held, reached) : fsw_clip(goal[1], reached, held);
 }
 
-/* Targets of both outputs: present and future set-points. */
-static int goals_of(const fsw_nmpc *c, const fsw_nmpc_input *in, double at_s[], double goals[][2]) {
+/* Targets: attainable depth and temperature, and the temperature that was asked for; present and future ones. */
+static int goals_of(const fsw_nmpc *c, const fsw_nmpc_input *in, double at_s[], double goals[][3]) {
   const int n_changes = in->n_changes < FSW_MAX_CHANGES ? in->n_changes : FSW_MAX_CHANGES;
   int n = 1;
   at_s[0] = -1e9;
-  for (int q = 0; q < 2; q++) goals[0][q] = c->reference[q];
+  goals[0][0] = c->reference[0];
+  goals[0][1] = goals[0][2] = c->reference[1];
   make_attainable(c, goals[0]);
   for (int i = 0; i < n_changes; i++) {
     const fsw_change *change = &in->change[i];
     if (!(fsw_is_finite(change->depth_mm + change->temperature_c) && change->at_s > 0.0)) continue;
     at_s[n] = change->at_s;
     goals[n][0] = change->depth_mm;
-    goals[n][1] = change->temperature_c;
+    goals[n][1] = goals[n][2] = change->temperature_c;
     make_attainable(c, goals[n++]);
   }
   return n;
 }
 
 /* Targets of output q, each with the time at which its approach has to begin. */
-static int targets_of(const approach *a, int q, int n_goals, const double at_s[], double goals[][2], target *targets) {
+static int targets_of(const approach *a, int q, int n_goals, const double at_s[], double goals[][3], target *targets) {
   int n = 1;
-  targets[0].at_s = -1e9;
-  targets[0].value = goals[0][q];
+  targets[0] = (target){-1e9, goals[0][q]};
   for (int i = 1; i < n_goals; i++) {
     const double value = goals[i][q], size = value - targets[n - 1].value;
     if (size == 0.0) continue;
     const double begin_s = at_s[i] - half_time_s(a, size);
-    targets[n].at_s = begin_s > targets[n - 1].at_s ? begin_s : targets[n - 1].at_s;
-    targets[n++].value = value;
+    targets[n] = (target){fmax(begin_s, targets[n - 1].at_s), value};
+    n++;
   }
   return n;
 }
 
-/* Rates of the temperature at the lowest and highest speed while the depth is held: as the copper
- * softens, the force has to decrease, and with it the torque. `power` holds the temperature. */
-static void held_rates(const fsw_nmpc *c, double power, double depth_mm, double rate[2]) {
+/* Share of the temperature's rate at a speed bound while the depth follows its own rate, for a copper's deviation. As the
+ * copper softens, the force has to decrease, and with it the torque. */
+static double held_rate(const fsw_nmpc *c, double share, int bound, double copper_c, double known_kw, double depth_mm,
+                        double depth_rate) {
   const fsw_nmpc_model *m = &c->model;
-  const double *x = c->estimator.x, speed[2] = {c->tuning.speed_min_rpm, c->tuning.speed_max_rpm};
-  const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s;
-  const double soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
+  const double *x = c->estimator.x, speed = bound ? c->tuning.speed_max_rpm : c->tuning.speed_min_rpm;
+  const double heating = m->thermal_gain_c_per_kw / m->copper_lag_s, soft = 1.0 + m->softening_per_c * x[FSW_TOOL];
   const double kn_per_rate = depth_mm * m->softening_per_c / (soft * soft * rate_gain(c));
+  const double power = m->operating_power_kw + copper_c / m->thermal_gain_c_per_kw - x[FSW_HEAT] - known_kw;
+  const double given = FSW_KW_PER_NM_RPM * (speed + c->estimator.offset[1]) * x[FSW_SCALE];
   const fsw_torque held = held_torque(c, depth_mm);
-  for (int k = 0; k < 2; k++) {
-    const double kw_per_nm = FSW_KW_PER_NM_RPM * speed[k], given = kw_per_nm * x[FSW_SCALE];
-    rate[k] = c->tuning.approach.rate_share * heating * (given * held.value - power) / (1.0 + heating * given * held.by_force * kn_per_rate);
-  }
+  return share * heating * (given * (held.value + held.by_force * depth_rate / (soft * rate_gain(c))) - power) / (1.0 + heating * given * held.by_force * kn_per_rate);
 }
 
-/* Rates and accelerations that force and speed can achieve together, at the present state. */
-static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, approach *depth, approach *temp) {
+/* Rates and accelerations that force and speed can achieve together, at the present state. Where the temperature asked for
+ * is beyond the bounds, keep_within_reach limits its rate. */
+static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, int is_beyond, approach *depth, approach *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
   const double *x = c->estimator.x;
   const fsw_torque at = fsw_torque_at(m, 1.0, m->operating_force_kn, fsw_contact_depth(&c->estimator, m, 0));
   const double torque = x[FSW_SCALE] * at.value, by_force = x[FSW_SCALE] * at.by_force;
   /* power that holds the temperature */
-  double power = m->operating_power_kw + x[FSW_TOOL] / m->thermal_gain_c_per_kw - x[FSW_HEAT];
-  if (!(power > t->approach.least_power_kw)) power = t->approach.least_power_kw;
+  const double power = fmax(m->operating_power_kw + x[FSW_TOOL] / m->thermal_gain_c_per_kw - x[FSW_HEAT], t->approach.least_power_kw);
   const double kw_per_rpm = FSW_KW_PER_NM_RPM * torque, nm_rpm = power / FSW_KW_PER_NM_RPM;
   double low = t->force_min_kn, high = t->force_max_kn, force_rate = t->force_step_kn / FSW_TICK_S;
   const double speed_rate = t->speed_step_rpm / FSW_TICK_S;
   /* forces at which the highest and lowest speed give that power */
   if (by_force > 0.0 && t->speed_min_rpm > 0.0) {
-    const double fastest = m->operating_force_kn + (nm_rpm / t->speed_max_rpm - torque) / by_force;
-    const double slowest = m->operating_force_kn + (nm_rpm / t->speed_min_rpm - torque) / by_force;
-    low = low > fastest ? low : fastest;
-    high = high < slowest ? high : slowest;
-    const double followed = speed_rate * torque / (nm_rpm / torque * by_force);
-    force_rate = force_rate < followed ? force_rate : followed;
+    low = fmax(low, m->operating_force_kn + (nm_rpm / t->speed_max_rpm - torque) / by_force);
+    high = fmin(high, m->operating_force_kn + (nm_rpm / t->speed_min_rpm - torque) / by_force);
+    force_rate = fmin(force_rate, speed_rate * torque / (nm_rpm / torque * by_force));
   }
   const double gain = rate_gain(c);
   const double centre = m->operating_force_kn - x[FSW_FORCE], least_kn = t->approach.least_force_kn;
@@ -220,12 +219,9 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, appro
   depth->acceleration = t->approach.depth_acceleration * gain * force_rate;
   const double usual = m->operating_depth_mm; /* guards against absurd set-points */
   const double goal = fsw_clip(depth_mm, 0.5 * usual, 1.5 * usual);
-  const double kept = m->operating_power_kw + copper_c / m->thermal_gain_c_per_kw - x[FSW_HEAT];
-  const double least = t->approach.least_rate_c_per_s;
-  double rate[2];
-  held_rates(c, kept, goal, rate);
-  temp->least_rate = rate[0] < -least ? rate[0] : -least;
-  temp->top_rate = rate[1] > least ? rate[1] : least;
+  const double least = t->approach.least_rate_c_per_s, used = t->approach.rate_share;
+  temp->least_rate = is_beyond ? -HUGE_VAL : fmin(held_rate(c, used, 0, copper_c, 0.0, goal, 0.0), -least);
+  temp->top_rate = is_beyond ? HUGE_VAL : fmax(held_rate(c, used, 1, copper_c, 0.0, goal, 0.0), least);
   temp->acceleration = m->thermal_gain_c_per_kw / m->copper_lag_s * kw_per_rpm * speed_rate;
 }
 
@@ -251,9 +247,8 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   const fsw_estimator *e = &c->estimator;
   const double *mode = m->ahead_mode, *x = e->x, *newest = e->history + 3 * (m->n_history - 1);
   const int n = 3 * m->n_history;
-  const double heat = x[FSW_HEAT];
-  double copper = mode[5] * x[FSW_COPPER] + mode[8] * heat;
-  double tool = mode[6] * x[FSW_COPPER] + mode[7] * x[FSW_TOOL] + mode[9] * heat;
+  double copper = x[FSW_COPPER], tool = x[FSW_TOOL];
+  fsw_heat_step(mode, x[FSW_HEAT], &copper, &tool);
   for (int k = 0; k < n; k++) {
     copper += m->ahead_power[k] * c->problem.start.history[k];
     tool += m->ahead_power[n + k] * c->problem.start.history[k];
@@ -263,8 +258,7 @@ static motion temperature_ahead(const fsw_nmpc *c, double *copper_c) {
   for (int k = 0; k < m->n_steps && m->time_s[m->step_interval[k]] <= m->dead_time_s + 1e-9; k++) {
     const double *step = m->modes + k * FSW_MODES;
     known_kw = c->problem.start.heat_ahead_kw[k];
-    known_tool = step[6] * known_copper + step[7] * known_tool + step[9] * known_kw;
-    known_copper = step[5] * known_copper + step[8] * known_kw;
+    fsw_heat_step(step, known_kw, &known_copper, &known_tool);
   }
   copper += known_copper;
   tool += known_tool;
@@ -291,21 +285,39 @@ static void keep_rate(fsw_nmpc *c, const approach *a, int q, motion *now, double
   c->rate[q] = next.rate;
 }
 
+/* Limit the temperature's path to what a speed bound brings, from one dead time ahead on, while the depth follows its own
+ * path. Known heat counts as in the prediction: otherwise the speed would leave the bound before heat that is to come, and
+ * the depth give way before heat that is to go. */
+static void keep_within_reach(const fsw_nmpc *c, int bound, const double *depth, double copper_c, const motion *ahead, int first,
+                              double *path) {
+  const fsw_nmpc_model *m = &c->model;
+  const double shown = ahead->steered - copper_c;
+  double tool_c = ahead->output - shown, more_kw = bound ? MORE_KW : -MORE_KW;
+  for (int k = 0, at = 0; k < m->n_steps; k++) {
+    const int i = m->step_interval[k];
+    const double *step = m->modes + k * FSW_MODES, known_kw = c->problem.start.heat_ahead_kw[k] + more_kw;
+    if (i < first) continue;
+    while (m->time_s[at] < m->time_s[i] - m->dead_time_s - 1e-9) at++;
+    const double depth_rate = at ? (depth[at] - depth[at - 1]) / (m->time_s[at] - m->time_s[at - 1]) : 0.0;
+    const double rate = held_rate(c, 1.0, bound, copper_c, known_kw, depth[at], depth_rate);
+    const double power = (copper_c + rate * m->copper_lag_s) / m->thermal_gain_c_per_kw;
+    fsw_heat_step(step, power, &copper_c, &tool_c);
+    if (m->out_step[i] == k) path[i] = bound ? fmin(path[i], shown + tool_c) : fmax(path[i], shown + tool_c);
+  }
+}
+
 static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, double *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
-  const double share = t->approach.brake_share;
-  approach to_depth = {t->depth_time_s, t->approach.force_time_s, AT_REST_MM, share, 0.0, 0.0, 0.0, 0.0};
-  approach to_temp = {t->temperature_time_s, t->approach.power_time_s, AT_REST_C, share, 0.0, 0.0, 0.0, m->tool_lag_s};
+  approach to_depth = {t->depth_time_s, t->approach.force_time_s, AT_REST_MM, t->approach.brake_share, 0.0, 0.0, 0.0, 0.0};
+  approach to_temp = {t->temperature_time_s, t->approach.power_time_s, AT_REST_C, t->approach.brake_share, 0.0, 0.0, 0.0, m->tool_lag_s};
   target targets[FSW_MAX_CHANGES + 1];
-  double copper_c, at_s[FSW_MAX_CHANGES + 1], goals[FSW_MAX_CHANGES + 1][2];
+  double copper_c, at_s[FSW_MAX_CHANGES + 1], goals[FSW_MAX_CHANGES + 1][3];
   const int n_goals = goals_of(c, in, at_s, goals);
   motion ahead = temperature_ahead(c, &copper_c);
   for (int q = 0; q < 2; q++) c->attainable[q] = goals[0][q];
-  /* A bound, held, brings the temperature to its attainable value with the copper's lag. A faster
-   * approach would leave the bound whenever noise lowers the estimated heat, and lose temperature. */
-  if (c->attainable[1] != c->reference[1] && to_temp.slow_s < m->copper_lag_s) to_temp.slow_s = m->copper_lag_s;
-  authority(c, copper_c, goals[0][0], &to_depth, &to_temp);
+  const int is_beyond = c->attainable[1] != c->reference[1];
+  authority(c, copper_c, goals[0][0], is_beyond, &to_depth, &to_temp);
   int n = targets_of(&to_depth, 0, n_goals, at_s, goals, targets);
   motion now = depth_now(c);
   keep_rate(c, &to_depth, 0, &now, 0.0, targets, n);
@@ -313,10 +325,11 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
 
   int first = 0;
   while (first < m->n_out && m->time_s[first] <= m->dead_time_s + 1e-9) temp[first++] = ahead.output;
-  n = targets_of(&to_temp, 1, n_goals, at_s, goals, targets);
+  n = targets_of(&to_temp, is_beyond ? 2 : 1, n_goals, at_s, goals, targets);
   keep_rate(c, &to_temp, 1, &ahead, m->dead_time_s, targets, n);
   c->has_rate = 1;
   follow(&to_temp, ahead, m->dead_time_s, targets, n, m->time_s, first, m->n_out, temp);
+  if (is_beyond) keep_within_reach(c, c->attainable[1] < c->reference[1], depth, copper_c, &ahead, first, temp);
 }
 
 /* Centre of the corridor of output q; `output` is its value at `begin_s`, where it starts. */
