@@ -51,7 +51,7 @@ def test_list_get_and_set(param):
         (("set", NODE, "depth_gain", "1e9"), "refuses depth_gain"),
         (("set", NODE, "depth_gain", "much"), "'much'"),
         (("set", NODE, "depth_gain", "[1"), "type double"),
-        (("set", NODE, "tuning", "5"), "conservative, tight"),
+        (("set", NODE, "tuning", "5"), "'conservative', 'tight'"),
         (("set", NODE, "period", "0.2"), "read-only"),
         (("list", "a node"), "a node"),
     ],
