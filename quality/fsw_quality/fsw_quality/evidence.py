@@ -16,21 +16,13 @@ from fsw_quality.attestation import Attestation, Chain, order_findings, tried, w
 from fsw_quality.record import make
 from fsw_quality.record_content import Record, bag_name, other_version
 from fsw_quality.report import JSON, PAGE, PDF, contents, json_sha256, record_bytes
+from fsw_recorder import manifest as manifests
 from fsw_recorder import signature
 from fsw_recorder.bag_metadata import ATTESTATION_NAME, IDENTITY, METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
 from fsw_recorder.findings import Code, EvidenceError, Finding, Unchecked, finding
-from fsw_recorder.manifest import (
-    MANIFEST_NAME,
-    Manifest,
-    check_file,
-    check_files,
-    is_read,
-    mapped,
-    read_manifest,
-    sha256,
-)
+from fsw_recorder.manifest import MANIFEST_NAME, Manifest, mapped, read_manifest, sha256
 from fsw_recorder.signature import Purpose, Signer, Statement, TrustedKey
 
 if TYPE_CHECKING:  # from the extra signing
@@ -149,7 +141,7 @@ def attest(
 def _files(bag: Path) -> list[Path]:
     """What of a folder is the bag: what a reader uses, the manifest and its signature."""
     names = (MANIFEST_NAME, signature.signature_path(Path(MANIFEST_NAME)).name)
-    return [path for path in bag.iterdir() if is_read(path.name) or path.name in names]
+    return [path for path in bag.iterdir() if manifests.is_read(path.name) or path.name in names]
 
 
 def _recorded(bag: Path, manifest: Manifest | None, reader: BagReader) -> Iterator[Finding]:
@@ -157,7 +149,7 @@ def _recorded(bag: Path, manifest: Manifest | None, reader: BagReader) -> Iterat
     if manifest is None:
         yield finding(Code.NO_MANIFEST, MANIFEST_NAME)
     else:
-        yield from check_files(bag, manifest)
+        yield from manifests.check_files(bag, manifest)
         late = [entry.name for entry in manifest.files if entry.hashed == "afterwards"]
         yield from (finding(Code.HASHED_AFTERWARDS, name) for name in late)
     if source := reader.metadata.custom_data.get("recovered_from"):
@@ -321,5 +313,5 @@ def _check_file(
     # the manifest locates the change, if it is about the file that was attested
     listed = [entry for entry in manifest.files if entry.name == name] if manifest else []
     if listed and listed[0].sha256 == digest:
-        return check_file(path, listed[0])
+        return manifests.check_file(path, listed[0])
     return [finding(Code.CHANGED_SINCE, name)]

@@ -13,14 +13,5 @@ PDF = Extra("fsw-quality", "pdf", ("fpdf",))
 def command(bag: str, procedure: str) -> list[str]:
     """Words of the command for a bag and a procedure's file; a clone gets what writes the PDF before the weld."""
     PDF.missing()
-    return [
-        sys.executable,
-        "-m",
-        "fsw.main",
-        "record",
-        bag,
-        "--procedure",
-        procedure,
-        "--out",
-        f"{bag}/record",
-    ]
+    words = "record", bag, "--procedure", procedure, "--out", f"{bag}/record"
+    return [sys.executable, "-m", "fsw.main", *words]
