@@ -67,7 +67,7 @@ def test_an_export_is_refused_before_any_work(capsys, tmp_path, monkeypatch, com
         (tmp_path / name / "letter").write_text("x")
     end = ".fmu" if "fmu" in command else ""
     for out, words in (
-        (f"taken{end}", ("exists and is not empty", "exists already")),
+        (f"taken{end}", ("holds something else", "exists already")),
         (f"no/out{end}", ("cannot write",)),
     ):
         code, _, error = run(capsys, *command.split(), "--out", str(tmp_path / out))

@@ -37,7 +37,6 @@ CONFUSING = (
     " ",
     "x" * 33,
     "a\nb",
-    "\ud800",
     None,
     3,
     "Ånna",
@@ -108,6 +107,8 @@ def test_login_needs_token_and_name(room):
     desk = Desk(room)
     assert desk.ask("login", token="wrong", name="anna").answer.code == "wrong_token"
     assert desk.ask("login", token=None, name="anna").answer.outcome == REFUSED
+    # half a character is no text of JSON
+    assert desk.ask("login", token=TOKEN, name="\ud800").answer.code == "malformed"
     for name in CONFUSING:
         verdict = desk.ask("login", token=TOKEN, name=name)
         assert (verdict.answer.outcome, verdict.answer.code) == (REFUSED, "not_a_name")

@@ -131,7 +131,7 @@ def test_missing_controller_is_a_clear_error():
         ClosedLoop(scenario_file.load("quick"))
     with pytest.raises(InputError, match=r"nobody .*: decentral, nmpc"):
         make("nobody")
-    with pytest.raises(InputError, match="conservative, tight"):
+    with pytest.raises(InputError, match="conservative', 'tight"):
         make("decentral:wild")
 
 
