@@ -8,10 +8,10 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Mapping
 from importlib import resources
-from itertools import count
 from pathlib import Path
 
 from fsw_control.c_library import compiler, run_compiler
+from fsw_control.schema.files import set_aside
 from fsw_control.schema.models import InputError
 from fsw_export.choice import Choice
 from fsw_export.sources import ControllerSources
@@ -69,9 +69,8 @@ def write_folder(
             check = _run_example(made)
             _document(made, sources, choice.origin, check)
             if out.exists() and any(out.iterdir()):
-                aside = (out.with_name(f"{out.name}_{number}") for number in count(1))
-                os.rename(out, next(path for path in aside if not path.exists()))
-            os.rename(made, out)
+                set_aside(out)
+            os.rename(made, out.resolve())
     except OSError as error:
         raise InputError(f"cannot write {error.filename or out}: {error.strerror}") from None
     return check

@@ -146,7 +146,8 @@ def _computed(
         except InputError as error:
             raise CommandError(f"--probe {text}: {error}") from None
     if arguments.vtk is not None:
-        new_folder(arguments, "canister", "--vtk")
+        outputs = (arguments.csv, arguments.figure)
+        new_folder(arguments, "canister", "--vtk", outputs)
     elsewhere = arguments.probe or arguments.figure or arguments.vtk
     parameters = weld.parameters.changed(tolerance_k=_FINE_K) if elsewhere else weld.parameters
     with ProgressBar("heat conduction in the canister") as bar:

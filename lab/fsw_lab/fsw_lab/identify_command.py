@@ -108,7 +108,8 @@ def identify(arguments: argparse.Namespace) -> int:
     start, lag_s = _model(arguments.model), arguments.drive_lag
     prior = None if arguments.prior is None else ParameterCovariance.from_file(arguments.prior)
     if arguments.report is not None:
-        new_folder(arguments, "", "--report")
+        written = (arguments.out, arguments.covariance, arguments.machine)
+        new_folder(arguments, "", "--report", written)
     with ProgressBar("identifying") as bar:
         result = fsw.identify(
             *welds,

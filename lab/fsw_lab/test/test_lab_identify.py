@@ -164,6 +164,7 @@ def test_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     "arguments",
     [
         ["identify", "no bag", "--out", "model.yaml", "--report", "old"],
+        ["tune", "--model", "old/model.yaml", "--out", "old"],
         ["canister", "--power", "40", "--probe", "0,0,0", "--vtk", "old"],
     ],
 )

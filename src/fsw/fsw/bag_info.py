@@ -56,6 +56,8 @@ def _info_values(info: BagInfo, ticks: TickCounter) -> dict[str, Any]:
                 "count": info.counts.get(topic.name, 0),
                 "type_hash": topic.type_hash,
                 "ticks_missing": gaps[topic.name].missing if topic.name in gaps else None,
+                "ticks_before": gaps[topic.name].before if topic.name in gaps else None,
+                "ticks_after": gaps[topic.name].after if topic.name in gaps else None,
             }
             for topic in info.topics
         ],
@@ -81,7 +83,10 @@ def _print(info: BagInfo, ticks: TickCounter) -> None:
         if gap.missing:
             first = f"first of stamp {gap.first_ns * 1e-9:.3f} s"
             rows.append(("Ticks", f"{name}: {gap.missing} missing (not sent or lost), {first}"))
-    if gaps and not any(gap.missing for gap in gaps.values()):
+        if gap.before or gap.after:
+            text = f"begins {gap.before} ticks after the bag, ends {gap.after} before it"
+            rows.append(("Ticks", f"{name}: {text}"))
+    if gaps and not any(gap.missing or gap.before or gap.after for gap in gaps.values()):
         rows.append(("Ticks", f"none missing on {len(gaps)} topics, according to their stamps"))
     print_table(rows)
     print()
@@ -125,7 +130,5 @@ def recover(arguments: argparse.Namespace) -> int:
     print_notes(result.problems)
     print(f"{result.messages} messages of {result.topics} topics recovered to {target}")
     if source.is_dir() and (source / MANIFEST_NAME).exists():
-        print_notes(
-            ["the copy has no manifest: what the damaged bag still proves, it alone proves"]
-        )
+        print_notes(["the copy has no manifest; keep the damaged bag as evidence"])
     return 0

@@ -119,7 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _unknown(group: str, word: str, known: Iterable[str]) -> str:
     """Error of an unknown command: what may have been meant, and what to install."""
     name = f"{group} {word}".strip()
-    return f"unknown command {name}{_nearest(word, known)}{missing(extensions(GROUP))}"
+    return f"unknown command {name}{_nearest(word, known) or missing(extensions(GROUP))}"
 
 
 def _nearest(word: str, known: Iterable[str]) -> str:

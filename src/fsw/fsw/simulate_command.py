@@ -304,7 +304,8 @@ def _parameters(arguments: argparse.Namespace, scenario: Scenario) -> dict[str, 
     for source in arguments.params_file:
         parameters.update(_parameters_in(source))
     labels = [] if scenario.open_loop else arguments.controller or [scenario.controller]
-    nodes = list(dict.fromkeys([*map(name_of, labels), *scenario.controllers[1:]]))
+    later = [event.switch for event in scenario.events if event.switch is not None]
+    nodes = list(dict.fromkeys([*map(name_of, labels), *later]))
     for node, values in parameters_by_node(arguments.parameter, nodes, KNOWN).items():
         parameters.setdefault(node, {}).update(values)
     return parameters

@@ -160,6 +160,8 @@ def weld(context: LaunchContext) -> list[Any]:
     )
     parameters = graph.parameter_file(folder / "scenario.yaml")
     parameters.pop(STANDBY, None)  # it gets those of the first, from whatever file
+    if not arguments["bag_dir"]:
+        parameters["fsw_recorder"]["ros__parameters"].pop("output", None)
     if scenario is not None:
         (folder / "scenario.yaml").write_text(scenario.text, encoding="utf-8")
     node = _Nodes(arguments, _write(folder / "weld_parameters.yaml", parameters))
@@ -192,7 +194,8 @@ def _derived(
         raise RuntimeError(
             f"bag_dir: {bag} exists already; choose another folder or remove this one"
         )
-    nodes["fsw_recorder"] |= {"number_if_taken": True, "output": str(bag or "")}
+    if bag is not None:
+        nodes["fsw_recorder"] |= {"number_if_taken": True, "output": str(bag)}
     nodes["fsw_hmi"]["port"] = _port(arguments["hmi_port"])
     on_canister = machine or (scenario is not None and scenario.on_canister)
     nodes["fsw_monitor"]["process"] = "canister" if on_canister else "paper"

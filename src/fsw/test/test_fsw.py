@@ -16,6 +16,7 @@ import fsw
 from fsw.command import picture
 from fsw.errors import CommandError, exit_code
 from fsw.main import GROUP, parser
+from fsw.outputs import new_folder
 from fsw_control.schema.extensions import extensions
 from fsw_test_support.command_line import replaces_nothing, run
 from fsw_test_support.sample_weld import write_sample_weld
@@ -98,6 +99,34 @@ main()
 """
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert (ran.returncode, ran.stderr) == (130, "interrupted\n")
+
+
+@pytest.mark.parametrize("form", ["{}", "nmpc.tuning_file={}"])
+def test_force_keeps_files_that_the_command_reads(tmp_path, form):
+    out = tmp_path / "out"
+    used, figure = out / "model.yaml", out / "figure.png"
+    out.mkdir()
+    for file in (used, figure, out / ".fsw_results"):
+        file.touch()
+    arguments = argparse.Namespace(out=out, force=True, text=[form.format(used)], png=figure)
+    with pytest.raises(CommandError):
+        new_folder(arguments, "", outputs=[figure])
+    assert used.exists() and figure.exists()
+    new_folder(argparse.Namespace(out=out, force=True, png=figure), "", outputs=[figure])
+    assert not used.exists() and (tmp_path / "out_1" / "model.yaml").exists()
+
+
+def test_force_follows_a_link_and_refuses_the_current_folder(capsys, tmp_path, monkeypatch):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "link").symlink_to("disk")
+    again = ("simulate", "quick", "--no-figures", "--force", "--out")
+    for _ in range(2):
+        assert run(capsys, *again, str(tmp_path / "link"))[0] == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"link", "disk", "disk_1"}
+    assert (tmp_path / "link").is_symlink()
+    monkeypatch.chdir(tmp_path / "disk")
+    assert run(capsys, *again, ".")[0] == 1
+    assert any((tmp_path / "disk").iterdir())
 
 
 def test_force_keeps_files_added_later(capsys, tmp_path):

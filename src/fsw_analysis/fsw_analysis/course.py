@@ -313,7 +313,11 @@ def runs(outside: npt.NDArray[np.bool_]) -> list[slice]:
 
 
 def exceedances(course: Course, book: RuleBook) -> list[Exceedance]:
-    """All exceedances of limits and permitted set-points, in the order of the checks."""
+    """All exceedances of limits and permitted set-points, in the order of the checks.
+
+    A missing sample counts as outside. Ticks missing on all topics are gaps of the recording, which
+    are reported once and not for every limit.
+    """
     return [exceedance for check in book.checks() for exceedance in _exceedances(course, check)]
 
 

@@ -381,6 +381,9 @@ def timeline(
 ) -> list[tuple[int, Reference]]:
     """Set-points with the stamp of the tick from which each holds, in order.
 
+    The rule is that of the nodes, `fsw_control.references.ReferenceQueue`. What was published before
+    the recording began counts from its first tick on.
+
     Parameters
     ----------
     sent, held : sequence of SetPoint

@@ -107,7 +107,7 @@ class AlarmList:
     alarm that came first is marked until the trip is acknowledged: most that follow are
     consequences. ``flood`` makes the alarm that stands for so many of a group that come at once; a
     trip is always listed. ``journal`` gets each change: the alarm's name, what changed, its entry,
-    and of what a person did who asked for it, why, and for how long in s.
+    and, for operator actions, who, why and for how long [s].
     """
 
     def __init__(

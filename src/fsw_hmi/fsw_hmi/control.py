@@ -63,8 +63,8 @@ class Session:
 class Control:
     """Control as a state machine: free or held, and while held requested by at most one other.
 
-    Control that was asked for may be taken without an answer after ``answer_s``, and the same
-    person's at any time where names are ``proven``.
+    Control that was asked for may be taken without an answer after ``answer_s``; where names are
+    ``proven``, a person may take it from another page of his or her own at any time.
     """
 
     def __init__(self, answer_s: float, proven: bool) -> None:

@@ -104,7 +104,7 @@ class ControlRoom:
         if session is not None and session.client == client:
             session.lost_s = None
             return session
-        numbers = {one.id for one in self._sessions.values()}
+        numbers = {other.id for other in self._sessions.values()}
         while (number := secrets.token_hex(3)) in numbers:
             pass
         local_stop = self._local_stop and security.is_loopback(address)
@@ -225,10 +225,9 @@ class ControlRoom:
     def next_login(self) -> Session | None:
         """The open page whose password is to be checked next; None if none waits.
 
-        By turns the one that has waited for longest, so that nobody waits for ever, and the one of
-        the client, then the page, with the fewest wrong ones so far: who guesses waits for those
-        who do not. Of clients without a wrong one the newest login comes first, as it may be that
-        of an operator among many that begin to guess.
+        Alternates between the oldest waiting login, so that nobody waits for ever, and the one with
+        the fewest failed attempts, by client, then page. Of clients without a failed one the newest
+        login comes first, as it may be that of an operator among many that begin to guess.
         """
         waiting = sorted(
             (session.login.asked_s, place, session)

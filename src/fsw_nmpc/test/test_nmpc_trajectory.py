@@ -273,6 +273,27 @@ def test_depth_to_come_changes_what_a_bound_brings_from_its_time_on(library, bou
     assert deep[-1] < flat[-1] - 2.0
 
 
+@pytest.mark.parametrize(
+    ("bound", "beyond_c", "goal_c"),
+    [("speed_max_rpm", 840.0, 805.0), ("speed_min_rpm", 795.0, 830.0)],
+)
+def test_way_back_into_reach_is_that_from_the_attainable_temperature(
+    library, bound, beyond_c, goal_c
+):
+    """It begins as early, and is as slow, as that from the set-point that the bound holds."""
+    back, usual = (
+        trajectories(
+            library,
+            temperature_c=temperature_c,
+            limits=Limits(**{"speed_min_rpm": 395.0, "speed_max_rpm": 420.0, bound: REST_RPM}),
+            changes=[(12.0, 2.66, goal_c)],
+        )[1][1]
+        for temperature_c in (beyond_c, 816.4)
+    )
+    assert np.abs(usual - 816.4).max() > 4.0
+    assert back == pytest.approx(usual, abs=1.5)
+
+
 def test_shallower_tool_at_a_bound_cools_as_its_path_says(library):
     """The force that lifts the tool takes heat: the path has it, so the plan follows both paths at the highest speed."""
     wide = Tuning(quality_temperature_min_c=0.0, quality_temperature_max_c=2000.0)

@@ -24,6 +24,7 @@ from fsw_control.node_arguments import NodeArguments
 from fsw_control.node_main_ros import run
 from fsw_control.parameters_ros import ParameterValues
 from fsw_control.reports_ros import ERROR, OK, WARN, DiagnosticsPublisher, Report
+from fsw_control.schema.files import free_sibling
 from fsw_recorder import after_recording
 from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_writer import BagWriter, WriterOptions, taken
@@ -36,7 +37,6 @@ from fsw_recorder.qos_ros import offered_by
 from fsw_recorder.recording import (
     Note,
     custom_entries,
-    free_sibling,
     media_type,
     output_folder,
     read_attachment,

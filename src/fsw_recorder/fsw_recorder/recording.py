@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from itertools import chain, count
 from pathlib import Path
 
 from fsw_control.coded import Worded
@@ -52,12 +51,6 @@ def output_folder(requested: str, now: datetime) -> Path:
         if requested
         else Path("out") / now.strftime("weld_%Y_%m_%d-%H_%M_%S")
     )
-
-
-def free_sibling(folder: Path) -> Path:
-    """The folder if it does not exist, else the first free ``<name>_1``, ``<name>_2``, ..."""
-    siblings = (folder.with_name(f"{folder.name}_{number}") for number in count(1))
-    return next(path for path in chain([folder], siblings) if not os.path.lexists(path))
 
 
 def versions_text() -> bytes:

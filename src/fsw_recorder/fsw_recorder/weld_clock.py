@@ -140,10 +140,17 @@ def on_weld_clock(reader: BagReader) -> BagReader | WeldClockReader:
 
 
 class TickGaps(NamedTuple):
-    """Ticks of the bag that a topic lacks, and the stamp of the first of them [ns]."""
+    """Gaps of a topic.
+
+    ``missing`` ticks are between its first and last message; ``first_ns`` is the first one's stamp.
+    ``before`` and ``after`` are the ticks of the bag outside: it began later or ended earlier than
+    another topic.
+    """
 
     missing: int
     first_ns: int
+    before: int
+    after: int
 
 
 class TickCounter:
@@ -179,11 +186,13 @@ class TickCounter:
         if not stamps:
             return {}
         ticks = _filled(np.unique(np.concatenate(list(stamps.values()))))
-        lacking = {topic: np.setdiff1d(ticks, own) for topic, own in stamps.items()}
-        return {
-            topic: TickGaps(lost.size, int(lost[0]) if lost.size else 0)
-            for topic, lost in lacking.items()
-        }
+        result: dict[str, TickGaps] = {}
+        for topic, own in stamps.items():
+            begin, end = map(int, np.searchsorted(ticks, (own[0], own[-1])))
+            lacking = np.setdiff1d(ticks[begin:end], own, assume_unique=True)
+            first_ns = int(lacking[0]) if lacking.size else 0
+            result[topic] = TickGaps(lacking.size, first_ns, begin, ticks.size - end - 1)
+        return result
 
 
 def _filled(ticks: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

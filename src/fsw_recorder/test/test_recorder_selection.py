@@ -17,6 +17,7 @@ from rosbags.interfaces import (
     QosTime,
 )
 
+from fsw_control.schema.files import free_sibling
 from fsw_recorder import BagError
 from fsw_recorder.qos import (
     is_latched,
@@ -30,7 +31,6 @@ from fsw_recorder.qos import (
 from fsw_recorder.recording import (
     code_sha256,
     custom_entries,
-    free_sibling,
     media_type,
     output_folder,
     read_attachment,

@@ -29,6 +29,9 @@ events:
 """
 
 
+OPEN_LOOP = "import sys; from fsw_scenario.controller_node import open_loop; sys.exit(open_loop())"
+
+
 @pytest.mark.full
 def test_open_loop_node_proposes_the_scenarios_commands(tmp_path):
     scenario = tmp_path / "steps.yaml"
@@ -48,7 +51,7 @@ def test_open_loop_node_proposes_the_scenarios_commands(tmp_path):
         convert.reference_message(Reference(2.66, 850.0), 0)
     )  # without one, no controller is asked
     parameters = ["-p", f"scenario:={scenario}", "-p", "from_first_tick:=true"]
-    command = [sys.executable, "-m", "fsw_scenario.controller_node", "--ros-args", *parameters]
+    command = [sys.executable, "-c", OPEN_LOOP, "--ros-args", *parameters]
     node = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
 
     stamps = count(1)

@@ -11,6 +11,7 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -55,6 +56,26 @@ def read_private(name: str, path: Path, longest_bytes: int = -1) -> bytes:
     if mode & 0o077:
         raise ValueError(f"{name}: others may read {path} (mode {mode:03o}): chmod 600 {path}")
     return content
+
+
+def free_sibling(folder: Path) -> Path:
+    """The folder if it does not exist, else the first free ``<name>_1``, ``<name>_2``, ..."""
+    siblings = (folder.with_name(f"{folder.name}_{number}") for number in count(1))
+    return next(path for path in chain([folder], siblings) if not os.path.lexists(path))
+
+
+def set_aside(folder: Path) -> Path:
+    """Rename a folder (of a link: its target) to the first free ``<name>_1``, ...; returns that.
+
+    Raises
+    ------
+    OSError
+        If that is not possible, also if the current folder is in it; ``strerror`` says why.
+    """
+    folder = folder.resolve()
+    if Path.cwd().is_relative_to(folder):
+        raise OSError(errno.EBUSY, "the current folder is in it; choose another", str(folder))
+    return folder.rename(free_sibling(folder))
 
 
 def open_regular(path: str | Path) -> BinaryIO:

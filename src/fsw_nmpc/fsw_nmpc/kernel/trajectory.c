@@ -165,15 +165,16 @@ static int goals_of(const fsw_nmpc *c, const fsw_nmpc_input *in, double at_s[], 
   return n;
 }
 
-/* Targets of output q, each with the time at which its approach has to begin. */
+/* Targets of output q (2: the temperature asked for), each with the time at which its approach has to begin, which is that
+ * from one attainable value to the next. */
 static int targets_of(const approach *a, int q, int n_goals, const double at_s[], double goals[][3], target *targets) {
-  int n = 1;
+  int n = 1, timed = q > 1 ? 1 : q;
   targets[0] = (target){-1e9, goals[0][q]};
-  for (int i = 1; i < n_goals; i++) {
-    const double value = goals[i][q], size = value - targets[n - 1].value;
+  for (int i = 1, from = 0; i < n_goals; i++) {
+    const double size = goals[i][timed] - goals[from][timed];
     if (size == 0.0) continue;
-    const double begin_s = at_s[i] - half_time_s(a, size);
-    targets[n] = (target){fmax(begin_s, targets[n - 1].at_s), value};
+    targets[n] = (target){fmax(at_s[i] - half_time_s(a, size), targets[n - 1].at_s), goals[i][q]};
+    from = i;
     n++;
   }
   return n;
@@ -194,8 +195,8 @@ static double held_rate(const fsw_nmpc *c, double share, int bound, double coppe
 }
 
 /* Rates and accelerations that force and speed can achieve together, at the present state. Where the temperature asked for
- * is beyond the bounds, keep_within_reach limits its rate. */
-static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, int is_beyond, approach *depth, approach *temp) {
+ * is beyond a bound (-1: the lowest speed, 1: the highest), keep_within_reach limits its rate there. */
+static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, int beyond, approach *depth, approach *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
   const double *x = c->estimator.x;
@@ -220,8 +221,8 @@ static void authority(const fsw_nmpc *c, double copper_c, double depth_mm, int i
   const double usual = m->operating_depth_mm; /* guards against absurd set-points */
   const double goal = fsw_clip(depth_mm, 0.5 * usual, 1.5 * usual);
   const double least = t->approach.least_rate_c_per_s, used = t->approach.rate_share;
-  temp->least_rate = is_beyond ? -HUGE_VAL : fmin(held_rate(c, used, 0, copper_c, 0.0, goal, 0.0), -least);
-  temp->top_rate = is_beyond ? HUGE_VAL : fmax(held_rate(c, used, 1, copper_c, 0.0, goal, 0.0), least);
+  temp->least_rate = beyond < 0 ? -HUGE_VAL : fmin(held_rate(c, used, 0, copper_c, 0.0, goal, 0.0), -least);
+  temp->top_rate = beyond > 0 ? HUGE_VAL : fmax(held_rate(c, used, 1, copper_c, 0.0, goal, 0.0), least);
   temp->acceleration = m->thermal_gain_c_per_kw / m->copper_lag_s * kw_per_rpm * speed_rate;
 }
 
@@ -316,8 +317,8 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
   const int n_goals = goals_of(c, in, at_s, goals);
   motion ahead = temperature_ahead(c, &copper_c);
   for (int q = 0; q < 2; q++) c->attainable[q] = goals[0][q];
-  const int is_beyond = c->attainable[1] != c->reference[1];
-  authority(c, copper_c, goals[0][0], is_beyond, &to_depth, &to_temp);
+  const int beyond = (c->attainable[1] < c->reference[1]) - (c->attainable[1] > c->reference[1]);
+  authority(c, copper_c, goals[0][0], beyond, &to_depth, &to_temp);
   int n = targets_of(&to_depth, 0, n_goals, at_s, goals, targets);
   motion now = depth_now(c);
   keep_rate(c, &to_depth, 0, &now, 0.0, targets, n);
@@ -325,11 +326,11 @@ static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, dou
 
   int first = 0;
   while (first < m->n_out && m->time_s[first] <= m->dead_time_s + 1e-9) temp[first++] = ahead.output;
-  n = targets_of(&to_temp, is_beyond ? 2 : 1, n_goals, at_s, goals, targets);
+  n = targets_of(&to_temp, beyond ? 2 : 1, n_goals, at_s, goals, targets);
   keep_rate(c, &to_temp, 1, &ahead, m->dead_time_s, targets, n);
   c->has_rate = 1;
   follow(&to_temp, ahead, m->dead_time_s, targets, n, m->time_s, first, m->n_out, temp);
-  if (is_beyond) keep_within_reach(c, c->attainable[1] < c->reference[1], depth, copper_c, &ahead, first, temp);
+  if (beyond) keep_within_reach(c, beyond > 0, depth, copper_c, &ahead, first, temp);
 }
 
 /* Centre of the corridor of output q; `output` is its value at `begin_s`, where it starts. */
