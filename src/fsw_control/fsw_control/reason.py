@@ -30,7 +30,7 @@ class ReasonCode(Coded):
     CAUTION = 12, "adapting with caution: {detail}"  # of earlier versions
     FORCE_HELD = 13, "no valid {sensors}, force held"
     OVERFLOW = 14, "samples beyond all range, loops start again"
-    HORIZON = 15, "another horizon cannot be made: {detail}"  # of earlier versions
+    HORIZON = 15, "another horizon cannot be made: {detail}"
     NOT_FINITE = 16, "{subject} is not finite"
     OUT_OF_RANGE = 17, "{subject} is outside its limits"
     JUMP = 18, "{subject} jumps by more than a move"

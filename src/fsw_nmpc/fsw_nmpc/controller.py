@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
@@ -58,8 +59,10 @@ class NmpcController:
     """NMPC of depth and temperature, a :class:`fsw_control.Controller`.
 
     Estimator, reference trajectories, problem, solver, acceptance, fallback and limits are a C
-    library (``kernel/``); this class only passes data. Every parameter except the model and what
-    changes the horizon (``blocks`` of the tuning) can be changed at runtime, bumplessly.
+    library (``kernel/``); this class only passes data. Every parameter except the model can be
+    changed at runtime, bumplessly. A new horizon is built in the background while the present one
+    stays in use; if that fails, the proposals report why, and the next change of any parameter
+    tries again.
 
     Parameters
     ----------
@@ -77,31 +80,24 @@ class NmpcController:
     tolerated_sensors: tuple[str, ...] = ("depth", "torque", "thermocouple")
 
     def __init__(self, values: Mapping[str, Any] | None = None) -> None:
+        self._log: Callable[[str], object] = lambda _: None
+        self._complain = self._log
         self._values = defaults(self.parameters) | dict(values or {})
         self.settings = Settings.of(self._values)
-        self.library = _make(self.settings)
-        self._time_s = tuple(self.library.horizon.time_s.tolist())
-        lengths_s = self.library.horizon.step_length_s
-        self._middle_s = tuple((np.cumsum(lengths_s) - 0.5 * lengths_s).tolist())
-        self._has_heat = False
+        self._maker: threading.Thread | None = None
+        self._made: tuple[Settings, Library | str] | None = None
+        self._failure = ""
+        self._use(self.settings, _make(self.settings))
         self.reset(Command(weld.FORCE_KN, weld.SPEED_RPM))
 
     def use_logger(self, logger: Any) -> None:
-        """Log which solver is in use."""
-        blocks = self.settings.tuning.blocks
-        logger.info(f"solver: rti, {blocks} blocks, library {KERNEL.source_id()}")
-
-    def _read(self, values: Mapping[str, Any]) -> Settings:
-        """Settings with these changes."""
-        settings, blocks = Settings.of(self._values | dict(values)), self.settings.tuning.blocks
-        if settings.tuning.blocks != blocks:
-            text = f"{settings.tuning.blocks} blocks of moves instead of {blocks}"
-            raise ValueError(f"{text}: another horizon can be set at start only")
-        return settings
+        """Log which solver is in use (``info``) and a horizon that cannot be built (``error``)."""
+        self._log, self._complain = logger.info, logger.error
+        self._say_solver()
 
     def check(self, values: Mapping[str, Any]) -> str | None:
         """Return why these parameters cannot be used, or None."""
-        return problem(self._read, values)
+        return problem(Settings.of, self._values | dict(values))
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Apply new parameters at runtime; the proposals do not jump.
@@ -111,9 +107,63 @@ class NmpcController:
         ValueError
             If the values cannot be used.
         """
-        self.settings = self._read(values)
-        self._values |= values
-        self.library.configure(tuning_of(self.settings))
+        merged = self._values | dict(values)
+        new = Settings.of(merged)
+        self._values, self.settings = merged, new
+        self.library.configure(tuning_of(new))
+        self._prepare()
+
+    def _use(self, settings: Settings, library: Library) -> None:
+        self.library, self._blocks = library, settings.tuning.blocks
+        self._time_s = tuple(library.horizon.time_s.tolist())
+        lengths_s = library.horizon.step_length_s
+        self._middle_s = tuple((np.cumsum(lengths_s) - 0.5 * lengths_s).tolist())
+        self._has_heat = False
+        self._say_solver()
+
+    def _say_solver(self) -> None:
+        self._log(f"solver: rti, {self._blocks} blocks, library {KERNEL.source_id()}")
+
+    def _prepare(self) -> None:
+        """Build the horizon of the settings in the background, unless it is in use."""
+        if self._maker is not None:
+            return
+        self._failure = ""
+        if self.settings.tuning.blocks != self._blocks:
+            self._maker = threading.Thread(
+                target=self._make, args=(self.settings,), name="nmpc horizon", daemon=True
+            )
+            self._maker.start()
+
+    def _make(self, settings: Settings) -> None:
+        try:
+            self._made = settings, _make(settings)
+        except Exception as error:
+            self._made = settings, " ".join(f"{error or type(error).__name__}".split())
+
+    def finish_changes(self, timeout_s: float = 60.0) -> None:
+        """Wait until the horizon made in the background is in use; TimeoutError if it is late."""
+        while (maker := self._maker) is not None:
+            maker.join(timeout_s)
+            if maker.is_alive():
+                raise TimeoutError(f"the horizon is not ready after {timeout_s:g} s")
+            self._take()
+
+    def _take(self) -> None:
+        """Switch to the horizon built in the background if it is ready, else note the failure."""
+        if self._made is None:
+            return
+        made_for, made = self._made
+        self._maker = self._made = None
+        if made_for.tuning.blocks != self.settings.tuning.blocks:
+            self._prepare()
+        elif isinstance(made, str):
+            self._failure = f"that of {self._blocks} blocks stays in use: {made}"
+            self._complain(Reason(ReasonCode.HORIZON, detail=self._failure).words)
+        else:
+            made.configure(tuning_of(self.settings))
+            made.go_on_from(self.library)
+            self._use(self.settings, made)
 
     def reset(self, applied: Command) -> None:
         """Forget the past; the next step starts from ``applied``."""
@@ -130,6 +180,7 @@ class NmpcController:
     ) -> Proposal:
         """See :meth:`fsw_control.Controller.step`."""
         began = perf_counter()
+        self._take()
         library, m = self.library, measurement
         inputs, outputs = library.input, library.output
         library.take(m, reference, applied, dt_s)
@@ -208,7 +259,7 @@ class NmpcController:
     def _reason(self, m: Measurement) -> Reason:
         outputs, s = self.library.output, self.settings
         if outputs.reason == Fault.PROPOSING:
-            return Reason()
+            return Reason(ReasonCode.HORIZON, detail=self._failure) if self._failure else Reason()
         if outputs.reason == Fault.WAITING_FOR_SENSORS:
             missing = tuple(name for name in m.invalid_sensors() if name != "torque")
             return (

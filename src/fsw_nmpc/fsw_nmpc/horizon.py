@@ -95,7 +95,7 @@ class Horizon:
 
     @property
     def block_sizes(self) -> Vector:
-        """Number of intervals in each block, shape (n_blocks,)."""
+        """Intervals per block, shape (n_blocks,)."""
         return np.bincount(self.interval_block).astype(np.float64)
 
 

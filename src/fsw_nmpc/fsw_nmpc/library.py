@@ -101,6 +101,30 @@ class Library(CController):
         super().__init__(KERNEL, lib, refusal, self.tables.model, tuning)
         self._refusal = "tuning: a value is not finite, or a minimum is not below its maximum"
 
+    def go_on_from(self, other: Library) -> None:
+        """Take over estimate and plan of a controller with the same model; blocks may differ."""
+        self.reset(other.state.applied[0], other.state.applied[1])
+        kept = (
+            "estimator",
+            "corridor",
+            "rate",
+            "has_corridor",
+            "has_rate",
+            "has_reference",
+            "reference",
+        )
+        for name in (*kept, "late_s", "bad_cycles", "plan"):
+            setattr(self.state, name, getattr(other.state, name))
+        plan = self.state.plan
+        moves = np.array(list(plan.moves)).reshape(-1, 2)[other.horizon.interval_block]
+        for i in range(2):
+            per_block = (
+                np.bincount(self.horizon.interval_block, moves[:, i]) / self.horizon.block_sizes
+            )
+            for block, move in enumerate(per_block.tolist()):
+                plan.moves[2 * block + i] = move
+                plan.start[2 * block + i] = 0.0 if plan.is_cold else move
+
 
 def pointer(array: NDArray[Any]) -> Any:
     """Pointer to a contiguous array of float64 or int32, which it keeps alive."""

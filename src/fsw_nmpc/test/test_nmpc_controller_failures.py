@@ -1,6 +1,9 @@
 """The controller through failed solves, late ticks, a diverged estimator and changes while it runs."""
 
+import errno
 import math
+import os
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ import pytest
 from fsw_control import Command, Measurement, Reference
 from fsw_control.reason import Reason, ReasonCode
 from fsw_nmpc import NmpcController
+from fsw_nmpc import controller as controller_module
 from fsw_nmpc.library import SolveStatus
 from fsw_test_support.nmpc_loop import TARGET, Loop
 from fsw_test_support.nmpc_problems import solve, use_solver
@@ -119,3 +123,44 @@ def test_waits_for_sensors_and_reference():
     assert (proposal.healthy, proposal.reason) == (False, waiting)
     assert controller.step(good, TARGET, applied, 0.1).healthy
     assert controller.step(good, Reference(NAN, NAN), Command(NAN, NAN), 0.1).healthy
+
+
+def test_new_horizon_continues_the_plan(tmp_path):
+    loop = Loop()
+    for _ in range(12):
+        before = loop.step(Reference(2.76, 816.4))
+    file = tmp_path / "every_interval.yaml"
+    file.write_text("blocks: 54")
+    loop.controller.configure({"tuning_file": str(file)})
+    loop.controller.finish_changes()
+    assert loop.controller.library.horizon.n_blocks == 54
+    last = loop.applied
+    proposal = loop.step(Reference(2.76, 816.4))
+    assert proposal.healthy
+    planned = before.diagnosis.plan.force_kn[1] - before.diagnosis.plan.force_kn[0]
+    assert proposal.command.force_kn - last.force_kn == pytest.approx(planned, abs=0.2)
+
+
+def test_failed_horizon_is_reported_and_the_next_change_retries(tmp_path, monkeypatch):
+    """The disk is full once: the old solver works on, the proposals say why, and the next change tries again."""
+    errors = []
+    loop = Loop()
+    loop.controller.use_logger(SimpleNamespace(info=lambda _: None, error=errors.append))
+    (tmp_path / "54.yaml").write_text("blocks: 54")
+    make, full = controller_module._make, [True]
+
+    def make_or_fail(settings):
+        if full and full.pop():
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return make(settings)
+
+    monkeypatch.setattr(controller_module, "_make", make_or_fail)
+    loop.controller.configure({"tuning_file": str(tmp_path / "54.yaml")})
+    loop.controller.finish_changes()
+    for _ in range(3):
+        proposal = loop.step()
+        assert proposal.healthy and os.strerror(errno.ENOSPC) in proposal.reason.detail
+    assert len(errors) == 1 and loop.controller.library.horizon.n_blocks == 20
+    loop.controller.configure({"tuning_file": str(tmp_path / "54.yaml")})  # the same once more
+    loop.controller.finish_changes()
+    assert loop.controller.library.horizon.n_blocks == 54 and not loop.step().reason

@@ -103,6 +103,7 @@ def test_parameters_at_runtime(peer):
     k = peer.tick_until_healthy(1)
     before = peer.tick(k + 1)
     changes = [
+        Parameter("preset", value="paper"),
         Parameter("calmness", value=2.0),
         Parameter("priority", value="balance"),
     ]
@@ -113,8 +114,9 @@ def test_parameters_at_runtime(peer):
     after = peer.tick(k + 2)
     assert after.healthy
     assert after.axial_force == pytest.approx(before.axial_force, abs=100.0)
-    assert not peer.node.set_parameters([Parameter("preset", value="paper")])[0].successful
+    peer.node.controller.finish_changes()
     assert peer.tick(k + 3).healthy
+    assert peer.node.controller.library.horizon.n_blocks == 54
 
 
 def test_process_logs_its_solver_and_exits_cleanly():
