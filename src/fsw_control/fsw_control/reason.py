@@ -35,7 +35,7 @@ class ReasonCode(Coded):
     OUT_OF_RANGE = 17, "{subject} is outside its limits"
     JUMP = 18, "{subject} jumps by more than a move"
     REJOINING = 19, "started in mid-weld: the heat is not known yet"
-    SLEWING = 21, "slewing after a swap"  # of earlier versions
+    SLEWING = 21, "slewing after a swap"
     FOREIGN = 22, "the controller has followed a foreign command"
     INCOMPLETE = 23, "the measurement lacks {sensors}"
     NO_SAMPLES = 24, "only the drives' feedback has arrived, no sensor sample"
@@ -171,7 +171,8 @@ class Readiness(NamedTuple):
     @property
     def why(self) -> str:
         """What it lacks, in words without its name; empty if nothing."""
-        return self.predicate.partition(": ")[2] or self.predicate
+        whole, colon, why = self.predicate.partition(": ")
+        return why if colon else whole
 
     @property
     def predicate(self) -> str:

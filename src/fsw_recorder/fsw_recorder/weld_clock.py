@@ -142,9 +142,9 @@ def on_weld_clock(reader: BagReader) -> BagReader | WeldClockReader:
 class TickGaps(NamedTuple):
     """Gaps of a topic.
 
-    ``missing`` ticks are between its first and last message; ``first_ns`` is the first one's stamp.
-    ``before`` and ``after`` are the ticks of the bag outside: it began later or ended earlier than
-    another topic.
+    ``missing`` ticks are between its first and last message, ``first_ns`` is the stamp of the
+    first. ``before`` and ``after`` are the ticks of the bag outside: it began later or ended
+    earlier than another topic.
     """
 
     missing: int

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fsw_control.cause import Cause
-from fsw_control.contract import Command
+from fsw_control.contract import Command, towards
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import REQUIRED
 from fsw_control.validity import Flaw
@@ -21,7 +21,7 @@ from fsw_supervisor.operator_requests import OperatorRequests
 from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.start_up import StartUp
 from fsw_supervisor.state_machine import Level, Machine, Mode
-from fsw_supervisor.tick import Decision, Tick
+from fsw_supervisor.tick import Decision, Tick, same
 
 #: in lockstep, shortest wait for late samples [s]
 _LOCKSTEP_GRACE_S = 1.0
@@ -188,7 +188,7 @@ class Arbitration:
         elif blind := self.registry.blind(name):
             self._fail(tick, blind, inhibit=False)
         elif candidate is not None and not candidate.refusal:
-            self._commit(tick, candidate.command, name)
+            self._follow(tick, candidate.command)
         elif candidate and candidate.jump and machine.tick - self.watch.foreign_tick <= 1:
             # Controllers track the command topic, including a foreign command, for one tick.
             self._hold(tick, Reason(ReasonCode.FOREIGN))
@@ -241,10 +241,26 @@ class Arbitration:
                 return
             if candidate is not None and not candidate.refusal:
                 machine.swap(name, Cause.SWAP_FAILED, tick.failure, "failover")
-                self._commit(tick, candidate.command, name)
+                self._follow(tick, candidate.command)
                 return
         reason = Reason(ReasonCode.NO_FALLBACK, because=tick.failure)
         machine.fire(Cause.NO_CONTROLLER, reason, "failover")
+
+    def _follow(self, tick: Tick, proposed: Command) -> None:
+        """Apply a proposal, rate-limited (bumpless transfer) just after a swap."""
+        machine, settings, applied = self.machine, self.machine.settings, self.in_force.applied
+        assert applied is not None
+        command, reason = proposed, Reason()
+        # Two controllers seldom agree to the last digit. Just after a swap the command approaches
+        # the new proposal in steps smaller than a move, until it arrives.
+        if machine.slewing:
+            force = towards(applied.force_kn, proposed.force_kn, settings.force_transition_kn)
+            speed = towards(applied.speed_rpm, proposed.speed_rpm, settings.speed_transition_rpm)
+            command = Command(force, speed)
+            arrived = same(command, proposed)
+            machine.slew(arrived)
+            reason = Reason(ReasonCode.NONE if arrived else ReasonCode.SLEWING)
+        self._commit(tick, command, machine.active, reason)
 
     # ---------------------------------------------------------------- without a controller
 
@@ -272,7 +288,7 @@ class Arbitration:
         tick: Tick,
         requested: Command,
         source: str,
-        reason: Reason = Reason(),  # noqa: B008  # immutable
+        reason: Reason,
         excuse: Reason | None = None,
     ) -> None:
         """Settle the tick with its one command, within bounds and rates whatever the source."""

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import re
-from functools import cached_property
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
-from pydantic import create_model, model_validator
+from pydantic import PrivateAttr, create_model, model_validator
 
 from fsw_control import weld
-from fsw_control.cause import Severity
 from fsw_control.common_parameters import SUPERVISOR_VALIDITY, DriveLimits, fields_of, numbers
 from fsw_control.contract import BUILT_IN_SOURCES, Limits
 from fsw_control.fence import UNKNOWN
@@ -33,26 +31,15 @@ def may_be_controller(name: str) -> bool:
 class InterlockLimits(Model):
     """Limits of one interlock; the kind of a name that ends in ``_low`` has the trip below the warning."""
 
-    low: ClassVar[bool]  #: guards against low values
+    low: ClassVar[bool]
     warn: float
     trip: float
-    hysteresis: float
 
     @model_validator(mode="after")
     def _ordered(self) -> InterlockLimits:
         if not (self.warn > self.trip if self.low else self.warn < self.trip):
             raise ValueError(f"warn {self.warn} must come before trip {self.trip}")
         return self
-
-    def level(self, value: float, present: Severity) -> Severity:
-        """Level that ``value`` means when the level is ``present``."""
-        sign = -1.0 if self.low else 1.0
-        excess_warn, excess_trip = sign * (value - self.warn), sign * (value - self.trip)
-        if excess_trip >= 0.0 or (present is Severity.TRIP and excess_trip > -self.hysteresis):
-            return Severity.TRIP
-        if excess_warn >= 0.0 or (present is not Severity.OK and excess_warn > -self.hysteresis):
-            return Severity.WARN
-        return Severity.OK
 
 
 class _Interlocks(Model):
@@ -180,6 +167,14 @@ class SupervisorParameters(NodeParameters):
     readmit_ticks: Annotated[Whole, Range(0, 100000, "")] = 30
     """Number of good proposals in a row after which an inhibited controller is readmitted; 0: only
     by the operator (chosen)."""
+    force_transition_kn: Annotated[float, Range(0.001, 10.0, "kN")] = weld.FORCE_STEP_KN
+    """Maximum change of force per tick during the transition after a swap; at most
+    limits.force_step_kn."""
+    speed_transition_rpm: Annotated[float, Range(0.001, 30.0, "rpm")] = weld.SPEED_STEP_RPM
+    """Maximum change of speed per tick during the transition after a swap; at most
+    limits.speed_step_rpm."""
+    transition_ticks: Annotated[Whole, Range(0, 1000, "")] = 20
+    """Maximum number of ticks that a transition after a swap lasts (chosen)."""
     start_timeout_s: Annotated[float, Range(0.1, 3600.0, "s")] = 30.0
     """Time in start, from the first measurement on, after which a safe stop begins, because no
     controller is available while the force acts (chosen: several times the start-up time of a
@@ -213,6 +208,12 @@ class SupervisorParameters(NodeParameters):
     """Number of ticks in a row with two different proposals of one name after which that
     controller is no longer used (chosen)."""
     limits: DriveLimits = DriveLimits()
+    _drive_limits: Limits = PrivateAttr()
+    latency_warn_s: Annotated[float, Range(0.0, 10.0, "s")] = 0.05
+    """99th percentile of a controller's latency from which diagnostics warn (chosen)."""
+    latency_error_s: Annotated[float, Range(0.0, 10.0, "s")] = 0.075
+    """99th percentile of a controller's latency from which diagnostics report an error
+    (chosen)."""
     interlocks: type(INTERLOCKS) = INTERLOCKS  # type: ignore[valid-type]
     validity: type(SUPERVISOR_VALIDITY) = SUPERVISOR_VALIDITY  # type: ignore[valid-type]
 
@@ -222,6 +223,11 @@ class SupervisorParameters(NodeParameters):
         if self.deadline_s >= period_s:
             text = f"it must be between 0 and tick_period_s ({period_s} s)"
             raise ValueError(f"deadline_s is {self.deadline_s} s; {text}")
+        step_kn, step_rpm = limits.force_step_kn, limits.speed_step_rpm
+        if self.force_transition_kn > step_kn:
+            raise ValueError(f"force_transition_kn must not exceed the step of {step_kn} kN")
+        if self.speed_transition_rpm > step_rpm:
+            raise ValueError(f"speed_transition_rpm must not exceed the step of {step_rpm} rpm")
         low_kn, high_kn = limits.force_min_kn, limits.force_max_kn
         if not low_kn <= self.safe_force_kn <= high_kn:
             raise ValueError(f"safe_force_kn must be within {low_kn} to {high_kn} kN")
@@ -233,10 +239,14 @@ class SupervisorParameters(NodeParameters):
                 raise ValueError(f"controller, fallbacks: {text}")
         return self
 
-    @cached_property
+    def model_post_init(self, _: Any) -> None:
+        """Make the limits once: they are used several times in every tick."""
+        self._drive_limits = Limits(**dict(self.limits))
+
+    @property
     def drive_limits(self) -> Limits:
-        """The limits of every command; used several times in every tick."""
-        return Limits(**dict(self.limits))
+        """The limits of every command."""
+        return self._drive_limits
 
     def takeover_s(self, lockstep: bool) -> float:
         """Time after a measurement at which a standby counts it as unanswered by the leader."""

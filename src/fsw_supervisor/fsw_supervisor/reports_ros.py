@@ -22,8 +22,6 @@ from fsw_supervisor.tick import Decision
 
 #: severity of an event as a diagnostic level
 LEVELS = {Level.INFO: OK, Level.WARN: WARN, Level.ERROR: ERROR}
-#: 99th percentile of a latency from which a controller is slow, and too slow (chosen)
-_SLOW_S, _TOO_SLOW_S = 0.05, 0.075
 #: default fallbacks, which need not all run
 _SHIPPED = frozenset(SupervisorParameters().fallbacks)
 
@@ -112,7 +110,9 @@ def standby(role: str, unanswered: int, node: str) -> Report:
     return Report(role, level, Fact.of(Note.FOLLOWS, role=role), values)
 
 
-def diagnostics(arbiter: Arbiter, writers: int, namesakes: Mapping[str, int]) -> list[Report]:
+def diagnostics(
+    arbiter: Arbiter, writers: int, namesakes: Mapping[str, int], limits: tuple[float, float]
+) -> list[Report]:
     """Diagnostics of the arbiter, its inputs and every controller.
 
     ``writers`` counts the publishers of the command topic, this one included, ``namesakes`` the
@@ -120,7 +120,7 @@ def diagnostics(arbiter: Arbiter, writers: int, namesakes: Mapping[str, int]) ->
     and errors.
     """
     controllers = [
-        _controller_status(arbiter, record, namesakes.get(record.name, 0))
+        _controller_status(arbiter, record, namesakes.get(record.name, 0), limits)
         for record in arbiter.registry
     ]
     own = _arbiter_status(arbiter), _writer_status(arbiter, writers), _process_status(arbiter)
@@ -185,7 +185,9 @@ def _process_status(arbiter: Arbiter) -> Report:
     return Report("process", level, several(facts) or Fact.of(Note.WITHIN), reasons)
 
 
-def _controller_status(arbiter: Arbiter, record: ControllerRecord, publishers: int) -> Report:
+def _controller_status(
+    arbiter: Arbiter, record: ControllerRecord, publishers: int, limits: tuple[float, float]
+) -> Report:
     known = health(arbiter, record)
     latencies_s = sorted(record.latencies_s) or [0.0]
     p99_s = latencies_s[ceil(0.99 * len(latencies_s)) - 1]
@@ -194,8 +196,8 @@ def _controller_status(arbiter: Arbiter, record: ControllerRecord, publishers: i
     facts = [Fact.of(Note.ACTIVE if record.name == active else Note.READY)]
     if readiness.lack:
         facts = [Fact.of(Code.NOT_READY, controller=record.name, readiness=readiness)]
-    if not arbiter.lockstep and p99_s >= _SLOW_S:
-        level = ERROR if p99_s >= _TOO_SLOW_S else WARN
+    if not arbiter.lockstep and p99_s >= limits[0]:
+        level = ERROR if p99_s >= limits[1] else WARN
         facts.append(Fact.of(Note.SLOW, p99_ms=p99_s * 1e3))
     if record.doubled:
         level, facts = ERROR, [Fact.of(Code.DOUBLED, controller=record.name)]

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan
+from typing import Any
 
 from fsw_control import weld
 from fsw_control.cause import Cause, Severity
@@ -25,7 +26,7 @@ from fsw_control.units import NANOSECONDS, kw_from_w, rad_s_from_rpm
 from fsw_control.validity import Flaw, SensorGuard, sensor_limits
 from fsw_supervisor.consistency import Consistency
 from fsw_supervisor.facts import Code, Fact
-from fsw_supervisor.parameters import QUANTITIES, InterlockLimits, SupervisorParameters
+from fsw_supervisor.parameters import QUANTITIES, SupervisorParameters
 from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import GAP_S, Tick
 
@@ -71,6 +72,37 @@ class Persistence:
     def reaches(self, limit_s: float, period_s: float) -> bool:
         """Whether it has lasted ``limit_s``, to the nearest tick, in at least two values."""
         return self.values >= _FEWEST_VALUES and self.age_s >= limit_s - period_s / 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Interlock:
+    """A limit on one quantity."""
+
+    name: str  #: e.g. ``temperature_high``; a name that ends in ``_low`` guards against low values
+    quantity: str  #: key of the value that it watches, with the unit in the name
+    #: limits in that unit
+    warn: float
+    trip: float
+    hysteresis: float  #: how far the value must come back before the level falls
+
+    def level(self, value: float, present: Severity) -> Severity:
+        """Level that ``value`` means when the level is ``present``."""
+        sign = 1.0 if self.trip > self.warn else -1.0
+        excess_warn, excess_trip = sign * (value - self.warn), sign * (value - self.trip)
+        if excess_trip >= 0.0 or (present is Severity.TRIP and excess_trip > -self.hysteresis):
+            return Severity.TRIP
+        if excess_warn >= 0.0 or (present is not Severity.OK and excess_warn > -self.hysteresis):
+            return Severity.WARN
+        return Severity.OK
+
+
+def interlocks_from(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
+    """Table of the interlocks from the parameters."""
+    keys = "warn", "trip", "hysteresis"
+    return tuple(
+        Interlock(name, quantity, *(values[f"interlocks.{name}.{key}"] for key in keys))
+        for name, quantity in QUANTITIES.items()
+    )
 
 
 class Blindness:
@@ -130,9 +162,12 @@ class SafetyMonitor:
 
     def configure(self, settings: SupervisorParameters) -> None:
         """Apply new settings, keeping the state."""
-        self.hold_s = settings.validity.hold
-        self._guard.configure(sensor_limits(settings.flat()))
-        self._blindness.limit_s = settings.blind_limit_s
+        values = settings.flat()
+        self.hold_s = values["validity.hold"]
+        self._guard.configure(sensor_limits(values))
+        self._blindness.limit_s = values["blind_limit_s"]
+        self._interlocks = interlocks_from(values)
+        self._persistence_s = values["interlocks.persistence_s"]
 
     def forget_time(self) -> None:
         """The clock went back: earlier readings do not count any more."""
@@ -293,13 +328,12 @@ class SafetyMonitor:
         before, stopped = set(self.tripped), self._machine.mode is Mode.SAFE_STOP
         if not stopped:
             self._was_free.clear()
-        for name, quantity in QUANTITIES.items():
-            value, bad = values.get(quantity, nan), (rejected or {}).get(quantity, nan)
-            limits = getattr(self._machine.settings.interlocks, name)
-            if not isnan(bad) and limits.level(bad, Severity.OK) is Severity.TRIP:
-                self._judge(name, limits, bad, elapsed_s)
-            elif isfinite(value) and _SENSOR.get(quantity) not in held:
-                self._judge(name, limits, value, elapsed_s)
+        for item in self._interlocks:
+            value, bad = values.get(item.quantity, nan), (rejected or {}).get(item.quantity, nan)
+            if not isnan(bad) and item.level(bad, Severity.OK) is Severity.TRIP:
+                self._judge(item, bad, elapsed_s)
+            elif isfinite(value) and _SENSOR.get(item.quantity) not in held:
+                self._judge(item, value, elapsed_s)
         # what was free of a trip during a stop, and trips later, cannot be its cause
         new = (set(self.tripped) - before) & self._was_free
         self._consequences = (self._consequences & set(self.tripped) if stopped else set()) | new
@@ -312,17 +346,17 @@ class SafetyMonitor:
             reason = Reason(ReasonCode.INTERLOCKS, interlocks=self.tripped)
             self._machine.fire(Cause.INTERLOCK_TRIP, reason, "interlock")
 
-    def _judge(self, name: str, limits: InterlockLimits, value: float, elapsed_s: float) -> None:
+    def _judge(self, item: Interlock, value: float, elapsed_s: float) -> None:
         """Determine the level of an interlock."""
-        present, runs = self._levels[name], self._runs[name]
-        period_s, leaving = self._machine.settings.tick_period_s, self._leaving[name]
-        limit_s = self._machine.settings.interlocks.persistence_s
-        shown = limits.level(value, present)
-        if (free := self._free.get(name)) is not None:
+        present, runs = self._levels[item.name], self._runs[item.name]
+        period_s, leaving = self._machine.settings.tick_period_s, self._leaving[item.name]
+        limit_s = self._persistence_s
+        shown = item.level(value, present)
+        if (free := self._free.get(item.name)) is not None:
             stopped = self._machine.mode is Mode.SAFE_STOP
             free.note(stopped and shown is not Severity.TRIP, elapsed_s, period_s)
             if free.reaches(limit_s, period_s):
-                self._was_free.add(name)
+                self._was_free.add(item.name)
         for level in _ORDER:
             runs[level].note(shown >= level, elapsed_s, period_s)
         leaves = present is Severity.TRIP and shown is not Severity.TRIP
@@ -333,7 +367,7 @@ class SafetyMonitor:
         level = min(shown, max({present, *lasting}))
         if level is present:
             return
-        self._levels[name] = level
-        data = {"interlock": name, "quantity": QUANTITIES[name]}
-        fact = self._causes[name] = Fact.of(Code.INTERLOCK, level=level, value=value, **data)
+        self._levels[item.name] = level
+        data = {"interlock": item.name, "quantity": item.quantity}
+        fact = self._causes[item.name] = Fact.of(Code.INTERLOCK, level=level, value=value, **data)
         self._machine.log(_LOG_LEVELS[level], "interlock", fact.code, **fact.data)

@@ -145,6 +145,7 @@ class Machine:
         self.mode_since_ns = 0  #: time on that clock at which the mode was entered
         #: time since the tick before, in whole tick periods, so that jitter does not accumulate
         self.step_s = 0.0
+        self.slewing = 0  #: remaining ticks of the transition limits after a swap
         #: this supervisor's copy; while it says stopped, the mode is safe stop
         self.register = StopRegister()
         #: the actuator end's copy in its last report; None if there is no actuator end
@@ -210,6 +211,7 @@ class Machine:
             self.register.stop(STOP_CAUSES[trigger], who, self._stamp_ns)
         self._enter(target)
         self.active = controller if target is Mode.AUTO else ""
+        self.slewing = self.settings.transition_ticks if target is Mode.AUTO else 0
         if trigger is Cause.CONTROLLER_BACK:
             self._automatic.append(self.time_ns)
         data = {"controller": controller} if self.active else {}
@@ -263,6 +265,7 @@ class Machine:
     def swap(self, name: str, cause: Cause, reason: Reason, who: str) -> None:
         """Make ``name`` the active controller; only in auto."""
         before, self.active = self.active, name
+        self.slewing = self.settings.transition_ticks
         if cause is not Cause.SWAP_REQUESTED:
             self._automatic.append(self.time_ns)
         self._note(cause, reason, who, Code.SWAP, before=before, controller=name)
@@ -273,6 +276,10 @@ class Machine:
         if target != (self.target, self.target_mode):
             self.target, self.target_mode = target
             self.revision += 1
+
+    def slew(self, arrived: bool) -> None:
+        """Count a tick under transition limits, which end at the new controller's values."""
+        self.slewing = 0 if arrived else self.slewing - 1
 
     def mirror(self, source: str) -> None:
         """On standby: adopt the mode implied by the source of the leader's command."""
@@ -295,6 +302,7 @@ class Machine:
 
     def lead(self, unanswered: int) -> None:
         """Take the lead, as ticks went unanswered, in the present state, whose cause is kept."""
+        self.slewing = self.settings.transition_ticks
         self.transitions += 1
         self.log(Level.INFO, "takeover", Code.LEADS, mode=self.mode, ticks=unanswered)
 

@@ -243,8 +243,9 @@ class SupervisorNode(LightNode, Node):
             return
         names = [record.name for record in self._arbiter.registry]
         namesakes = {name: self._controllers.proposers(name) for name in names}
+        limits = (self._values["latency_warn_s"], self._values["latency_error_s"])
         writers = self.count_publishers(self._command_topic)
-        lines = reports.diagnostics(self._arbiter, writers, namesakes)
+        lines = reports.diagnostics(self._arbiter, writers, namesakes, limits)
         self._diagnostics.publish([*lines, self._kept_reference.report()])
 
 

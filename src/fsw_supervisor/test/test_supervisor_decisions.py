@@ -11,6 +11,7 @@ from fsw_control.sensors import REQUIRED
 from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import Mode
+from fsw_supervisor.tick import ProposalInput
 
 STEP_NS = 100_000_000
 
@@ -452,6 +453,56 @@ def test_a_swap_storm_ends_when_the_swaps_are_long_ago(make_rig):
 
 
 # ---------------------------------------------------------------- after a swap, and without a controller
+
+
+@pytest.mark.requirement("S12")
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_after_a_swap_force_and_speed_slew_to_the_new_controllers_values(make_rig, sign):
+    settings = SupervisorParameters.from_values(
+        {
+            "force_transition_kn": 0.2,
+            "speed_transition_rpm": 0.5,
+            "transition_ticks": 4,
+            "warm_ticks": 2,
+        }
+    )
+    rig = make_rig(settings).run(30)
+    requested = Command(78.4 + sign * 0.3, 407.5 + sign * 1.2)
+    rig.spoil("nmpc", command=requested)
+    rig.silent.add("decentral")
+    rig.run(1)
+    assert rig.last.command.force_kn == pytest.approx(78.4 + sign * 0.2)
+    assert rig.last.command.speed_rpm == pytest.approx(407.5 + sign * 0.5)
+    rig.run(1)
+    assert rig.last.command.force_kn == pytest.approx(requested.force_kn)
+    assert rig.last.command.speed_rpm == pytest.approx(407.5 + sign * 1.0)
+    rig.run(1)
+    assert (rig.last.command, rig.last.reason) == (requested, Reason())
+    rig.spoil("nmpc", command=Command(requested.force_kn + 0.9, requested.speed_rpm))
+    rig.run(1)
+    assert rig.last.command.force_kn == pytest.approx(requested.force_kn + 0.9), (
+        "it has arrived: the limits are over"
+    )
+
+
+@pytest.mark.requirement("S12")
+def test_the_slew_after_a_swap_ends_after_so_many_ticks(make_rig):
+    settings = SupervisorParameters.from_values(
+        {"force_transition_kn": 0.1, "transition_ticks": 3}
+    )
+    rig = make_rig(settings).run(30)
+    rig.edit["nmpc"] = lambda p: ProposalInput(
+        p.stamp_ns,
+        p.source,
+        Command((rig.arbiter.applied or p.command).force_kn + 0.9, p.command.speed_rpm),
+    )
+    rig.silent.add("decentral")
+    steps = []
+    for _ in range(5):
+        before = rig.arbiter.applied.force_kn
+        rig.run(1)
+        steps.append(rig.last.command.force_kn - before)
+    assert steps == pytest.approx([0.1, 0.1, 0.1, 0.9, 0.9])
 
 
 @pytest.mark.requirement("S3")

@@ -189,12 +189,12 @@ def test_a_fallback_that_nobody_runs_is_told_unless_it_is_one_by_default(make_ri
     alone = make_rig()
     alone.names = ["decentral"]
     alone.run(5)
-    status = diagnostics(alone.arbiter, 1, {})[0]
+    status = diagnostics(alone.arbiter, 1, {}, (0.05, 0.1))[0]
     assert (status.level, status.code) == (OK, "several")
     misspelt = make_rig(
         SupervisorParameters.from_values({"fallbacks": ("decentral", "nmcp")})
     ).run(5)
-    status = diagnostics(misspelt.arbiter, 1, {})[0]
+    status = diagnostics(misspelt.arbiter, 1, {}, (0.05, 0.1))[0]
     assert status.level == WARN
     absent = next(fact for fact in status.what.data["facts"] if fact.code == "absent")
     assert absent.data["controllers"] == ("nmcp",)

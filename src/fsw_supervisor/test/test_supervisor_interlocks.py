@@ -4,13 +4,13 @@ import pytest
 
 from fsw_control.cause import Cause, Severity
 from fsw_control.contract import Command
-from fsw_control.parameters import validate
+from fsw_control.parameters import defaults, validate
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.schema.errors import InputError
 from fsw_supervisor.facts import Code, Fact
 from fsw_supervisor.in_force import CommandInForce
 from fsw_supervisor.parameters import SupervisorParameters
-from fsw_supervisor.safety_monitor import SafetyMonitor
+from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor, interlocks_from
 from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import Tick
 
@@ -71,10 +71,8 @@ def last_told(monitor):
 )
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_level_begins_at_its_limit_and_ends_a_hysteresis_before_it(excess, present, level, sign):
-    name = "depth_high" if sign > 0.0 else "depth_low"
-    limits = {"warn": sign * 900.0, "trip": sign * 910.0, "hysteresis": 2.0}
-    values = {f"interlocks.{name}.{key}": value for key, value in limits.items()}
-    item = getattr(SupervisorParameters.from_values(values).interlocks, name)
+    name = "temperature_high" if sign > 0.0 else "temperature_low"
+    item = Interlock(name, "temperature_c", sign * 900.0, sign * 910.0, 2.0)
     assert item.level(sign * (900.0 + excess), present) is level
 
 
@@ -92,6 +90,18 @@ def test_a_warning_comes_before_its_trip(name, warn, trip):
     changes = {f"interlocks.{name}.warn": warn, f"interlocks.{name}.trip": trip}
     with pytest.raises(InputError, match=f"interlocks.{name}[. ]"):
         validate(SupervisorParameters, changes)
+
+
+def test_every_parameter_of_an_interlock_reaches_it():
+    values = defaults(SupervisorParameters)
+    for item in interlocks_from(values):
+        limits = [
+            values[f"interlocks.{item.name}.{key}"] for key in ("warn", "trip", "hysteresis")
+        ]
+        assert [item.warn, item.trip, item.hysteresis] == limits
+    assert {item.name: item.quantity for item in interlocks_from(values)} == {
+        name: case[0] for name, case in CASES.items()
+    }
 
 
 @pytest.mark.requirement("S26")

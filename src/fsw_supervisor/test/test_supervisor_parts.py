@@ -12,11 +12,11 @@ from fsw_control.contract import Command, Limits
 from fsw_control.parameters import defaults, validate
 from fsw_control.reason import Reason
 from fsw_control.schema.models import InputError
-from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.facts import Answer, Code
 from fsw_supervisor.in_force import DriveOffset
 from fsw_supervisor.operator_requests import SwitchRequest
 from fsw_supervisor.parameters import SupervisorParameters
+from fsw_supervisor.safety_monitor import SafetyMonitor
 from fsw_supervisor.state_machine import TRANSITIONS, Level, Machine, Mode, next_mode
 from fsw_supervisor.tick import ProposalInput, check
 
@@ -47,6 +47,8 @@ def test_what_is_left_out_has_the_shipped_value():
     ("changes", "words"),
     [
         ({"deadline_s": 0.2}, "deadline_s is 0.2 s"),
+        ({"force_transition_kn": 2.0}, "force_transition_kn"),
+        ({"speed_transition_rpm": 4.0}, "speed_transition_rpm"),
         ({"limits.force_min_kn": 99.0}, "must be below force_max"),
         ({"safe_force_kn": 10.0}, "safe_force_kn must be within 60.0 to 95.0 kN"),
         ({"controller": ""}, "controller must name"),
@@ -149,12 +151,12 @@ def test_new_interlock_limits_hold_at_once():
         "temperature_high.warn": 840.0,
         "temperature_high.trip": 845.0,
     }
-    arbiter = Arbiter(SupervisorParameters())
+    safety = SafetyMonitor(Machine(SupervisorParameters()))
     values = {f"interlocks.{key}": value for key, value in changes.items()}
-    arbiter.configure(SupervisorParameters.from_values(values))
+    safety.configure(SupervisorParameters.from_values(values))
     for _ in range(2):
-        arbiter.safety.watch({"temperature_c": 850.0})
-    assert arbiter.safety.tripped == ("temperature_high",)
+        safety.watch({"temperature_c": 850.0})
+    assert safety.tripped == ("temperature_high",)
 
 
 @pytest.fixture

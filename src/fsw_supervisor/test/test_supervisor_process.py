@@ -8,7 +8,7 @@ import pytest
 from fsw_control.cause import Cause, Severity
 from fsw_control.reason import Reason, ReasonCode
 from fsw_supervisor.parameters import SupervisorParameters
-from fsw_supervisor.safety_monitor import SafetyMonitor
+from fsw_supervisor.safety_monitor import Interlock, SafetyMonitor
 from fsw_supervisor.state_machine import Machine, Mode
 
 NAN = math.nan
@@ -191,7 +191,7 @@ def test_hysteresis_of_warning_and_trip(monitor):
 
 @pytest.mark.requirement("S1")
 def test_low_interlocks_mirror_high_ones():
-    interlock = SupervisorParameters().interlocks.temperature_low
+    interlock = Interlock("temperature_low", "temperature_c", 800.0, 790.0, 2.0)
     levels = [interlock.level(value, Severity.OK) for value in (801.0, 800.0, 790.1, 790.0)]
     assert levels == [Severity.OK, Severity.WARN, Severity.WARN, Severity.TRIP]
     assert interlock.level(791.0, Severity.TRIP) is Severity.TRIP

@@ -22,7 +22,11 @@ from fsw_supervisor.state_machine import (
 @pytest.fixture
 def machine():
     """A machine at tick 1, before its first transition."""
-    machine = Machine(SupervisorParameters.from_values({"storm_swaps": 2, "storm_window_s": 1.0}))
+    machine = Machine(
+        SupervisorParameters.from_values(
+            {"transition_ticks": 7, "storm_swaps": 2, "storm_window_s": 1.0}
+        )
+    )
     machine.advance(100)
     return machine
 
@@ -45,8 +49,9 @@ def test_it_begins_in_start_with_what_is_configured():
         machine.transitions,
         machine.revision,
         machine.tick,
+        machine.slewing,
         machine.since_ns,
-    ) == (0, 0, 0, 0)
+    ) == (0, 0, 0, 0, 0)
     assert (machine.acknowledged, machine.cause, list(machine.events)) == (
         False,
         Cause.STARTED,
@@ -60,7 +65,7 @@ def test_a_transition_is_told_with_who_why_when_and_the_controller(machine):
     ticks(machine, 5)
     machine.advance(4200)
     machine.fire(Cause.READY, Reason.of("it is ready"), "start", "nmpc")
-    assert (machine.mode, machine.active) == (Mode.AUTO, "nmpc")
+    assert (machine.mode, machine.active, machine.slewing) == (Mode.AUTO, "nmpc", 7)
     assert (machine.reason, machine.cause, machine.since_ns) == (
         Reason.of("it is ready"),
         Cause.READY,
@@ -78,7 +83,7 @@ def test_a_transition_is_told_with_who_why_when_and_the_controller(machine):
     assert machine.revision == 1
     ticks(machine, 3)
     machine.fire(Cause.INTERLOCK_TRIP, Reason.of("too hot"), "interlock", "nmpc")
-    assert (machine.mode, machine.active) == (Mode.SAFE_STOP, "")
+    assert (machine.mode, machine.active, machine.slewing) == (Mode.SAFE_STOP, "", 0)
     fact = Fact.of(Code.MODE, reason=Reason.of("too hot"), before="auto", mode="safe_stop")
     assert machine.events[-1] == Event(Level.ERROR, "interlock", fact)
     assert (machine.transitions, machine.ticks_in_mode) == (2, 0)
@@ -128,7 +133,7 @@ def test_swaps_that_nobody_asked_for_make_a_storm_within_the_window(machine):
     requested, failed = Cause.SWAP_REQUESTED, Cause.SWAP_FAILED
     for name, cause in (("b", requested), ("a", requested), ("b", failed)):
         machine.swap(name, cause, Reason.of("why"), "who")
-        assert (machine.active, machine.storming()) == (name, False)
+        assert (machine.active, machine.slewing, machine.storming()) == (name, 7, False)
     fact = Fact.of(Code.SWAP, reason=Reason.of("why"), before="a", controller="b")
     assert machine.events[-1] == Event(Level.INFO, "who", fact)
     ticks(machine, 5)
@@ -191,6 +196,14 @@ def test_to_renew_a_mode_begins_its_time_anew(machine):
     assert (machine.ticks_in_mode, machine.mode) == (0, Mode.START)
 
 
+def test_the_transition_limits_end_after_their_ticks_or_on_arrival(machine):
+    machine.fire(Cause.READY, Reason(), "start", "a")
+    machine.slew(arrived=False)
+    assert machine.slewing == 6
+    machine.slew(arrived=True)
+    assert machine.slewing == 0
+
+
 @pytest.mark.parametrize(
     ("source", "mode", "active"),
     [
@@ -219,7 +232,7 @@ def test_a_standby_notes_the_leaders_swap_without_beginning_the_mode_anew(machin
     assert (machine.active, machine.ticks_in_mode) == ("decentral", 3)
 
 
-def test_a_standby_that_leads_tells_so(machine):
+def test_a_standby_that_leads_tells_so_and_slews(machine):
     machine.mirror_standing(
         Standing(
             "auto",
@@ -231,7 +244,7 @@ def test_a_standby_that_leads_tells_so(machine):
     )
     machine.mirror("nmpc")
     machine.lead(3)
-    assert (machine.cause, machine.who) == (Cause.SWAP_REQUESTED, "anna")
+    assert (machine.slewing, machine.cause, machine.who) == (7, Cause.SWAP_REQUESTED, "anna")
     assert machine.reason.code is ReasonCode.REQUESTED, "a takeover changes who leads, not why"
     assert machine.events[-1].who == "takeover"
     assert machine.events[-1].fact == Fact.of(Code.LEADS, mode="auto", ticks=3)
@@ -274,6 +287,7 @@ def test_settings_at_the_edge_of_what_makes_no_sense_are_refused(values, words):
     [
         {"safe_force_kn": 60.0},
         {"safe_force_kn": 95.0},
+        {"force_transition_kn": 1.0, "speed_transition_rpm": 3.0},
         {"fallbacks": ()},
     ],
 )

@@ -1,5 +1,7 @@
 """The operator asks for a controller or a mode."""
 
+from dataclasses import replace
+
 import pytest
 
 from fsw_control.cause import Cause
@@ -7,6 +9,7 @@ from fsw_control.command_gate import Flaw
 from fsw_control.contract import Command
 from fsw_control.reason import Lack, Readiness, Reason, ReasonCode
 from fsw_supervisor.facts import Answer, Code, Fact
+from fsw_supervisor.parameters import SupervisorParameters
 from fsw_supervisor.state_machine import Mode
 
 
@@ -150,6 +153,23 @@ def test_a_third_controller_that_joins_later_can_be_selected(rig):
     assert rig.last.source == "third"
     rig.arbiter.registry.leave("third")
     assert rig.facts("left") == [{"controller": "third"}]
+
+
+@pytest.mark.requirement("S12")
+def test_after_a_swap_the_output_slews_within_the_transition_limit(make_rig):
+    rig = make_rig(
+        SupervisorParameters.from_values({"force_transition_kn": 0.1, "speed_transition_rpm": 0.5})
+    ).run(10)
+    rig.edit["nmpc"] = lambda p: replace(
+        p, command=Command(min(p.command.force_kn + 0.8, 80.0), p.command.speed_rpm)
+    )
+    ask(rig, "nmpc")
+    rig.run(1)
+    assert rig.last.command.force_kn == pytest.approx(78.5)
+    assert rig.last.reason == Reason(ReasonCode.SLEWING)
+    rig.run(rig.arbiter.settings.transition_ticks)
+    assert rig.last.command.force_kn == pytest.approx(80.0)
+    assert rig.last.reason == Reason()
 
 
 @pytest.mark.requirement("S3")

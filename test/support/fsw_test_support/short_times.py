@@ -26,6 +26,7 @@ def any_residual(*values: str) -> dict[str, float]:
 SUPERVISOR: dict[str, Any] = {
     "warm_ticks": 2,
     "readmit_ticks": 3,
+    "transition_ticks": 2,
     "takeover_wait_s": 0.1,
     "first_report_wait_s": 0.2,
     "safe_force_kn": 75.0,

@@ -25,6 +25,7 @@ from fsw_model import nominal
 from fsw_plant import PlantConfig
 from fsw_supervisor.arbiter import Arbiter
 from fsw_supervisor.parameters import SupervisorParameters
+from fsw_supervisor.safety_monitor import interlocks_from
 from fsw_supervisor.state_machine import Mode
 from fsw_supervisor.tick import GAP_S, Decision, ProposalInput
 from fsw_test_support.plc import MACHINE, Plc, new_gateway
@@ -85,6 +86,7 @@ _SHARED: list[Any] = [
     MACHINE,
     _CONFIG,
     *sensor_limits(SETTINGS.flat()).values(),
+    *interlocks_from(SETTINGS.flat()),
     nominal(),
 ]
 

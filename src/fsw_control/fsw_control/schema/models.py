@@ -324,6 +324,8 @@ def _text(error: ErrorDetails) -> str:
         return str(error["ctx"]["error"])
     if kind in ("problem", "outside", "not_a_number"):
         return text
+    if kind == "string_pattern_mismatch" and error["ctx"]["pattern"] == _NAME:
+        text = "must be a name (letters, digits, _)"
     if lacks := error.get("ctx", {}).get("lacks"):  # what a protocol asks for
         text += f" (it lacks {lacks})"
     return f"is {error['input']!r:.60}: {f'must be {_KINDS[kind]}' if kind in _KINDS else text}"

@@ -1,4 +1,4 @@
-/* The heat in a canister (fsw_plant/compact_canister.py), and the process on it instead of (16). */
+/* The heat in a canister (fsw_plant/process.py), and the process on it instead of (16). */
 #include "fsw_plant.h"
 
 #include <math.h>

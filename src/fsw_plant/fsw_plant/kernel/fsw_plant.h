@@ -89,7 +89,7 @@ typedef struct {
   int has_noise;
 } fsw_plant_sensor;
 
-/* A compact canister (fsw_plant/compact_canister.py): its tables, by rows. */
+/* A compact canister (fsw_plant/process.py): its tables, by rows. */
 typedef struct {
   int states, even;                             /* those that are even about the tool come first */
   int positions, temperatures;
