@@ -66,7 +66,7 @@ def test_valid_content_is_accepted():
         ("[]", "part.yaml: is []: must be a mapping"),
         ("{}", "part.yaml: lacks name"),
         ("name:", "part.yaml: lacks name"),
-        ("name: a b", "part.yaml: name is 'a b': String should match"),
+        ("name: a b", "part.yaml: name is 'a b': must be a name"),
         ("name: 3", "name is 3: must be a valid string"),
         ("{name: a, sound: 1}", "sound is 1: must be a valid boolean"),
         ("{name: a, count: yes}", "count is True, not a number (1 to 100 pieces)"),
@@ -133,7 +133,7 @@ def test_valid_content_is_accepted():
             "part.yaml, line 1, column 5: not valid YAML: alias *a is part of what it stands for",
         ),
         ("a: [", "part.yaml, line 2, column 1: not valid YAML"),
-        (f"name: {'x y ' * 1000}", "x y: String should match"),
+        (f"name: {'x y ' * 1000}", "x y: must be a name"),
     ],
 )
 def test_validation_error_is_one_line_with_its_path(text, problem):
