@@ -312,7 +312,7 @@ class SensorGuard:
             sensor.limits = limits[name]
 
     def measure(
-        self, time_s: float, values: dict[str, float], drives: Command | None = None
+        self, time_s: float, values: Mapping[str, float], drives: Command | None = None
     ) -> Measurement:
         """Return the measurement of the tick at ``time_s``.
 

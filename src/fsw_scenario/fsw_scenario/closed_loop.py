@@ -85,11 +85,8 @@ class OfflineSupervisor:
         arbiter = self._arbiter
         self._now_s += TICK_S
         decisions = arbiter.on_drives(stamp_ns, drives, self._now_s)
-        assert arbiter.ticks.present is not None
-        arbiter.ticks.present.depth_deviation_mm = depth_deviation_mm
-        arbiter.ticks.present.samples.update(
-            values
-        )  # all at once: half the time of on_sample for each
+        arbiter.on_depth_deviation(stamp_ns, depth_deviation_mm)
+        arbiter.ticks.enter(values)  # all at once: half the time of on_sample for each
         for name, proposal in proposals.items():
             offer = ProposalInput(
                 stamp_ns, name, proposal.command, proposal.healthy, Reason.of(proposal.reason)

@@ -118,7 +118,7 @@ class Arbiter:
     def on_proposal(self, name: str, proposal: ProposalInput, now_s: float) -> list[Decision]:
         """Take a proposal that arrived on the topic of controller ``name``."""
         self.ticks.pass_time(now_s)
-        self.registry.take(name, proposal, self.ticks.present, now_s)
+        self.ticks.on_proposal(name, proposal)
         return self.ticks.decide()
 
     def on_status(
@@ -198,14 +198,7 @@ class Arbiter:
         """On standby: adopt the leader's command."""
         applied = self.settings.drive_limits.clip(command, None)
         self.in_force.on_sent(applied)
-        self.ticks.last = Decision(stamp_ns, applied, source)
-        self.ticks.commanded_s, tick = self.ticks.now_s, self.ticks.present
-        # The standby decides the same ticks but sends nothing: one that the leader has answered is
-        # closed, so that a takeover does not command twice for one measurement.
-        if tick is not None and stamp_ns == tick.stamp_ns:
-            tick.answered = True
-        elif tick is not None:
-            tick.previous = applied
+        self.ticks.follow(Decision(stamp_ns, applied, source))
         if not self.safety.tripped:
             # With a cause of its own this supervisor stays in safe stop, even if the leader has
             # missed it.
@@ -250,16 +243,11 @@ class Arbiter:
 
     def step_down(self) -> None:
         """Stop sending, including the last decision: another supervisor leads."""
-        self.ticks.take_back([])
-        self.ticks.leading = False
+        self.ticks.step_down()
         self.watch.change_role()
         # The last decision may not have been executed: the command in force comes from the leader
         # or the drives.
         self.in_force.forget()
-        if (tick := self.ticks.present) is not None:
-            # In lockstep the plant may still wait for an answer to this tick: it is decided here,
-            # too.
-            tick.answered, tick.previous = tick.answered or not self.lockstep, None
         self.operator.drop(Fact.of(Code.OTHER_LEADS))
         self.machine.log(Level.WARN, "failover", Code.STANDBY)
 

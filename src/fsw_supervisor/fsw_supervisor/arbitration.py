@@ -103,38 +103,44 @@ class Arbitration:
 
     # ---------------------------------------------------------------- the decision
 
-    def decide(self, tick: Tick, now_s: float, final: bool) -> None:
-        """Decide a tick if possible; ``final``: with the inputs at hand, as after the deadline."""
+    def decide(self, tick: Tick, now_s: float, final: bool) -> Tick:
+        """Return the tick, settled if that is possible.
+
+        ``final``: it is, with the inputs at hand, as after the deadline.
+        """
         # Called at each arrival and by the clock until the tick is settled: a branch settles it,
         # or leaves it to a later call, so that the order of messages does not matter.
         self._now_s = now_s
         final = final or now_s >= tick.deadline_s
         if not final and not self._inputs_complete(tick):
-            return
+            return tick
         if not tick.judged:
             # Interlocks first: a trip decides the mode of this very tick, before any proposal.
-            self.safety.judge(tick, self.in_force.acting(tick, self.safety.hold_s))
+            tick = self.safety.judge(tick, self.in_force.acting(tick, self.safety.hold_s))
         if tick.answered:
-            tick.settle()
-            return
-        if self.in_force.applied is None and not self.start_up.find_command(tick, now_s, final):
-            if final:
-                self.machine.explain(Reason(ReasonCode.COMMAND_UNKNOWN))
-                tick.settle()
-            return
+            return tick.settle()
+        if self.in_force.applied is None:
+            tick = self.start_up.find_command(tick, now_s, final)
+        if self.in_force.applied is None:
+            if not final:
+                return tick
+            self.machine.explain(Reason(ReasonCode.COMMAND_UNKNOWN))
+            return tick.settle()
         if not self.start_up.may_command(tick, now_s, final):
-            if final:
-                # A command now would deselect every controller; the command in force may still
-                # change.
-                tick.settle()
-                self.in_force.forget()
-            return
-        if self.machine.mode is Mode.START and (reason := self.start_up.decide(tick, final)):
-            self._hold(tick, reason.head)
+            if not final:
+                return tick
+            # A command now would deselect every controller; the command in force may still change.
+            self.in_force.forget()
+            return tick.settle()
+        if self.machine.mode is Mode.START:
+            tick = self.start_up.correct_command(tick)
+            if reason := self.start_up.decide(tick, final):
+                tick = self._hold(tick, reason.head)
         if self.machine.mode is Mode.AUTO and not tick.settled:
-            self._decide_auto(tick, final)
+            tick = self._decide_auto(tick, final)
         if self.machine.mode in (Mode.MANUAL, Mode.HOLD, Mode.SAFE_STOP) and not tick.settled:
-            self._decide_without_controller(tick)
+            tick = self._decide_without_controller(tick)
+        return tick
 
     def _inputs_complete(self, tick: Tick) -> bool:
         """Whether all inputs have arrived whose order must not influence the decision."""
@@ -167,14 +173,13 @@ class Arbitration:
 
     # ---------------------------------------------------------------- auto
 
-    def _decide_auto(self, tick: Tick, final: bool) -> None:
+    def _decide_auto(self, tick: Tick, final: bool) -> Tick:
         """Apply the active controller's proposal, or the first fallback's in the same tick."""
         if not tick.failure:
-            self._apply_active(tick, final)
-        if tick.failure:
-            self._fall_back(tick, final)
+            tick = self._apply_active(tick, final)
+        return self._fall_back(tick, final) if tick.failure else tick
 
-    def _apply_active(self, tick: Tick, final: bool) -> None:
+    def _apply_active(self, tick: Tick, final: bool) -> Tick:
         """Apply the active controller's proposal, hold if it is excused, or note its failure."""
         machine = self.machine
         name = machine.active
@@ -182,22 +187,23 @@ class Arbitration:
         # In order of severity: an unknown or ambiguous controller is not followed even if its
         # proposal is good; a missing proposal is a failure only at the deadline.
         if record is None:
-            self._fail(tick, Reason(ReasonCode.UNKNOWN_CONTROLLER), inhibit=False)
-        elif record.conflicts >= machine.settings.duplicate_ticks:
-            self._fail(tick, Reason(ReasonCode.NAMESAKE), inhibit=True)
-        elif blind := self.registry.blind(name):
-            self._fail(tick, blind, inhibit=False)
-        elif candidate is not None and not candidate.refusal:
-            self._follow(tick, candidate.command)
-        elif candidate and candidate.jump and machine.tick - self.watch.foreign_tick <= 1:
+            return self._fail(tick, Reason(ReasonCode.UNKNOWN_CONTROLLER), inhibit=False)
+        if record.conflicts >= machine.settings.duplicate_ticks:
+            return self._fail(tick, Reason(ReasonCode.NAMESAKE), inhibit=True)
+        if blind := self.registry.blind(name):
+            return self._fail(tick, blind, inhibit=False)
+        if candidate is not None and not candidate.refusal:
+            return self._follow(tick, candidate.command)
+        if candidate and candidate.jump and machine.tick - self.watch.foreign_tick <= 1:
             # Controllers track the command topic, including a foreign command, for one tick.
-            self._hold(tick, Reason(ReasonCode.FOREIGN))
-        elif candidate is not None:
-            self._fail(tick, candidate.refusal, inhibit=True)
-        elif final and (excuse := tick.excuse or self._partial_measurement(tick)):
-            self._hold(tick, excuse, excuse)
-        elif final:
-            self._fail(tick, Reason(ReasonCode.NO_PROPOSAL), inhibit=True)
+            return self._hold(tick, Reason(ReasonCode.FOREIGN))
+        if candidate is not None:
+            return self._fail(tick, candidate.refusal, inhibit=True)
+        if not final:
+            return tick
+        if excuse := tick.excuse or self._partial_measurement(tick):
+            return self._hold(tick, excuse, excuse)
+        return self._fail(tick, Reason(ReasonCode.NO_PROPOSAL), inhibit=True)
 
     def _partial_measurement(self, tick: Tick) -> Reason:
         """Excuse for missing samples, which controllers may lack, too; never twice in a row."""
@@ -206,16 +212,17 @@ class Arbitration:
         self._excused_tick = self.machine.tick
         return Reason(ReasonCode.INCOMPLETE, tick.dropouts)
 
-    def _fail(self, tick: Tick, reason: Reason, inhibit: bool) -> None:
+    def _fail(self, tick: Tick, reason: Reason, inhibit: bool) -> Tick:
         name = self.machine.active
-        tick.failure = Reason(ReasonCode.FAILED, subject=name, because=reason)
+        failure = Reason(ReasonCode.FAILED, subject=name, because=reason)
         record = self.registry.get(name)
         if record is not None and inhibit:
             record.inhibit(reason)
-        self.machine.log(Level.ERROR, "failover", Code.FAILED, reason=tick.failure)
-        self.operator.failed(name, tick.failure)
+        self.machine.log(Level.ERROR, "failover", Code.FAILED, reason=failure)
+        self.operator.failed(name, failure)
+        return tick._replace(failure=failure)
 
-    def _fall_back(self, tick: Tick, final: bool) -> None:
+    def _fall_back(self, tick: Tick, final: bool) -> Tick:
         machine, settings = self.machine, self.machine.settings
         # Too many swaps within the window: the cause is probably not the controllers, and another
         # swap would add a transient. Hold, until the window has passed, and let the controllers
@@ -224,7 +231,7 @@ class Arbitration:
             window_s = settings.storm_window_s
             reason = Reason(ReasonCode.STORM, limit_s=window_s, because=tick.failure)
             machine.fire(Cause.STORM, reason, "failover")
-            return
+            return tick
         for name in settings.fallbacks:
             # Only controllers that were ready at the tick's begin qualify, so that the order
             # of messages within the tick does not influence the choice.
@@ -234,19 +241,18 @@ class Arbitration:
             may_extend = self.lockstep and not (tick.extended or tick.drained or tick.stalled)
             if candidate is None and final and may_extend:
                 # The plant waits: a slow fallback gets as much time as the active controller had.
-                tick.extended = True
-                tick.deadline_s = self._now_s + settings.lockstep_deadline_s
-                return
+                deadline_s = self._now_s + settings.lockstep_deadline_s
+                return tick._replace(extended=True, deadline_s=deadline_s)
             if candidate is None and not final:
-                return
+                return tick
             if candidate is not None and not candidate.refusal:
                 machine.swap(name, Cause.SWAP_FAILED, tick.failure, "failover")
-                self._follow(tick, candidate.command)
-                return
+                return self._follow(tick, candidate.command)
         reason = Reason(ReasonCode.NO_FALLBACK, because=tick.failure)
         machine.fire(Cause.NO_CONTROLLER, reason, "failover")
+        return tick
 
-    def _follow(self, tick: Tick, proposed: Command) -> None:
+    def _follow(self, tick: Tick, proposed: Command) -> Tick:
         """Apply a proposal, rate-limited (bumpless transfer) just after a swap."""
         machine, settings, applied = self.machine, self.machine.settings, self.in_force.applied
         assert applied is not None
@@ -260,11 +266,11 @@ class Arbitration:
             arrived = same(command, proposed)
             machine.slew(arrived)
             reason = Reason(ReasonCode.NONE if arrived else ReasonCode.SLEWING)
-        self._commit(tick, command, machine.active, reason)
+        return self._commit(tick, command, machine.active, reason)
 
     # ---------------------------------------------------------------- without a controller
 
-    def _decide_without_controller(self, tick: Tick) -> None:
+    def _decide_without_controller(self, tick: Tick) -> Tick:
         """Manual, hold and safe stop."""
         machine, settings, applied = self.machine, self.machine.settings, self.in_force.applied
         assert applied is not None
@@ -277,11 +283,11 @@ class Arbitration:
             step_kn = settings.safe_rate_kn_per_s * machine.step_s
             ramp_kn = max(settings.safe_force_kn, applied.force_kn - step_kn)
             target = Command(min(ramp_kn, applied.force_kn), applied.speed_rpm)
-        self._commit(tick, target, str(machine.mode), machine.reason.head)
+        return self._commit(tick, target, str(machine.mode), machine.reason.head)
 
-    def _hold(self, tick: Tick, reason: Reason, excuse: Reason | None = None) -> None:
+    def _hold(self, tick: Tick, reason: Reason, excuse: Reason | None = None) -> Tick:
         assert self.in_force.applied is not None
-        self._commit(tick, self.in_force.applied, "hold", reason, excuse)
+        return self._commit(tick, self.in_force.applied, "hold", reason, excuse)
 
     def _commit(
         self,
@@ -290,9 +296,9 @@ class Arbitration:
         source: str,
         reason: Reason,
         excuse: Reason | None = None,
-    ) -> None:
+    ) -> Tick:
         """Settle the tick with its one command, within bounds and rates whatever the source."""
         latency_s = max(0.0, self._now_s - tick.started_s)
         # Last line of defence: bounds and rates hold whatever the source has computed.
         command = self.machine.settings.drive_limits.clip(requested, self.in_force.applied)
-        tick.settle(Decision(tick.stamp_ns, command, source, reason, latency_s), excuse)
+        return tick.settle(Decision(tick.stamp_ns, command, source, reason, latency_s), excuse)

@@ -182,12 +182,17 @@ class ControllerRegistry:
             early = record.early.get(stamp_ns)
             record.early = {} if early is None else {stamp_ns: early}
 
-    def take(self, name: str, proposal: ProposalInput, tick: Tick | None, now_s: float) -> None:
-        """Take a proposal of ``name`` for the present tick, a past one or a future one."""
+    def take(
+        self, name: str, proposal: ProposalInput, tick: Tick | None, now_s: float
+    ) -> Tick | None:
+        """Take a proposal of ``name`` for the present tick, a past one or a future one.
+
+        Returns the present tick.
+        """
         self.join(name)
         record = self.get(name)
         if record is None:
-            return
+            return tick
         # An answer to a much older stamp may result from a clock that went back; its measurement
         # then arrives later.
         stamp_ns = proposal.stamp_ns
@@ -197,28 +202,31 @@ class ControllerRegistry:
             if len(record.early) > _KEPT_EARLY:
                 del record.early[next(iter(record.early))]
         elif stamp_ns == tick.stamp_ns:
-            self._take_present(record, proposal, tick, now_s)
+            return self._take_present(record, proposal, tick, now_s)
         else:
             self._take_old(record, proposal, tick)
+        return tick
 
-    def take_early(self, tick: Tick, now_s: float) -> None:
-        """Take the proposals that arrived before their measurement."""
+    def take_early(self, tick: Tick, now_s: float) -> Tick:
+        """Take the proposals that arrived before their measurement; return its tick."""
         for record in self:
             early = record.early.pop(tick.stamp_ns, None)
             items = record.early.items()
             record.early = {stamp: item for stamp, item in items if stamp > tick.stamp_ns}
             if early is not None:
-                self._take_present(record, early, tick, now_s)
+                tick = self._take_present(record, early, tick, now_s)
+        return tick
 
-    def check_again(self, tick: Tick) -> None:
+    def check_again(self, tick: Tick) -> Tick:
         """Check the candidates that arrived before the command in force was known."""
         for name, candidate in tick.candidates.items():
             if not candidate.refusal:
                 again = ProposalInput(tick.stamp_ns, name, candidate.command)
                 checked = self._check(self._records[name], again, tick)
                 if checked.refusal:
-                    tick.candidates[name] = checked
+                    tick = tick.with_candidate(name, checked)
                     self._count(self._records[name], checked)
+        return tick
 
     def close(self, tick: Tick) -> None:
         """At the end of a tick, count the controllers that have answered."""
@@ -247,7 +255,7 @@ class ControllerRegistry:
 
     def _take_present(
         self, record: ControllerRecord, proposal: ProposalInput, tick: Tick, now_s: float
-    ) -> None:
+    ) -> Tick:
         if record.last_stamp_ns == tick.stamp_ns:
             record.duplicates += 1
             earlier = tick.candidates.get(record.name)
@@ -256,19 +264,21 @@ class ControllerRegistry:
             differs = earlier is not None and not same(earlier.command, proposal.command)
             # in lockstep a controller answers a repeated tick again
             if differs or not self._lockstep:
-                tick.duplicates[record.name] = differs or tick.duplicates.get(record.name, False)
-            return
+                differs = differs or tick.duplicates.get(record.name, False)
+                return tick._replace(duplicates={**tick.duplicates, record.name: differs})
+            return tick
         record.last_stamp_ns = tick.stamp_ns
         if tick.settled and tick.excuse:
-            return
+            return tick
         latency_s = max(0.0, now_s - tick.started_s)
         record.latencies_s.append(latency_s)
         if now_s > tick.deadline_s and not self._lockstep:
             record.late += 1
             record.bad(Reason(ReasonCode.LATE, limit_s=latency_s))
-            return
-        tick.candidates[record.name] = candidate = self._check(record, proposal, tick)
+            return tick
+        candidate = self._check(record, proposal, tick)
         self._count(record, candidate)
+        return tick.with_candidate(record.name, candidate)
 
     def _take_old(self, record: ControllerRecord, proposal: ProposalInput, tick: Tick) -> None:
         if proposal.stamp_ns <= record.last_stamp_ns:

@@ -75,7 +75,7 @@ class Failover:
         self._started_s = self._called_s = self._reported_s = now_s
         self._asserted_s = float("-inf")
         self._confirmed = False  #: the actuator end has reported the present lead
-        self._tick: Tick | None = None
+        self._tick = 0  # number of the last tick that this has seen begin
         self._due_s = 0.0
         self._drained = False
         self._early: tuple[int, str, Command] | None = None
@@ -95,7 +95,8 @@ class Failover:
         times = [] if arbiter_s is None else [arbiter_s]
         if self.role is Role.LISTENING:
             times.append(self._listening_ends_s)
-        unanswered = self._tick is not None and not self._tick.answered
+        tick = self._arbiter.ticks.present
+        unanswered = tick is not None and not tick.answered
         if unanswered and self.role is not Role.ACTIVE and self._due_s > self._called_s:
             times.append(self._due_s)
         return min(times, default=None)
@@ -234,7 +235,7 @@ class Failover:
 
     def _takes_over(self, now_s: float) -> bool:
         tick = self._arbiter.ticks.present
-        if tick is not None and tick is not self._tick:
+        if tick is not None and self.machine.tick != self._tick:
             self._begin(tick)
         decision = tick.outcome.decision if tick and tick.outcome else None
         if self._arbiter.lockstep and tick and decision and not self._drained:
@@ -256,7 +257,7 @@ class Failover:
 
     def _begin(self, tick: Tick) -> None:
         """Note that a tick has begun."""
-        self._tick = tick
+        self._tick = self.machine.tick
         self._due_s = tick.started_s + self._arbiter.settings.takeover_s(self._arbiter.lockstep)
         self._drained = False
         if self._early is not None and self._early[0] <= tick.stamp_ns:
@@ -296,7 +297,7 @@ class Failover:
 
     def _step_down(self) -> None:
         self.role, self.term, self.asserting = Role.STANDBY, 0, False
-        self._tick = self._arbiter.ticks.present
+        self._tick = self.machine.tick
         # Without measurements, two would give way to each other as fast as messages travel.
         self._due_s = self._called_s + self._arbiter.settings.takeover_s(self._arbiter.lockstep)
         self._arbiter.step_down()

@@ -234,12 +234,15 @@ class SafetyMonitor:
             if name not in but
         )
 
-    def judge(self, tick: Tick, acting: Command | None) -> None:
-        """Judge the samples of a tick; ``acting``: force and speed that act. A trip leads to a safe stop."""
+    def judge(self, tick: Tick, acting: Command | None) -> Tick:
+        """Judge the samples of a tick; return it with what is missing. A trip leads to a safe stop.
+
+        ``acting``: force and speed that act.
+        """
         before, reasons = self.invalid_sensors, self._guard.reasons
-        tick.judged = self.judged = True
+        self.judged = True
         missing = (name for name in REQUIRED if name not in tick.samples)
-        tick.dropouts = tuple(name for name in missing if not reasons[name])
+        dropouts = tuple(name for name in missing if not reasons[name])
         measurement = self._guard.measure(tick.stamp_ns / NANOSECONDS, tick.samples, acting)
         self.invalid_sensors = measurement.invalid_sensors()
         if not self.invalid_sensors:
@@ -274,6 +277,7 @@ class SafetyMonitor:
         if self.invalid_sensors and self._machine.acknowledged:
             # from now on it is unknown whether a cause is present
             self._machine.renew(StopCause.BLIND, "sensors")
+        return tick._replace(judged=True, dropouts=dropouts)
 
     @property
     def _is_automatic(self) -> bool:

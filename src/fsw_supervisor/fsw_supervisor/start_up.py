@@ -72,8 +72,8 @@ class StartUp:
 
     # ---------------------------------------------------------------- the command in force
 
-    def find_command(self, tick: Tick, now_s: float, final: bool) -> bool:
-        """Determine the command in force, for a bumpless start; False if it is not known yet.
+    def find_command(self, tick: Tick, now_s: float, final: bool) -> Tick:
+        """Determine the command in force, for a bumpless start, if it is known; return the tick.
 
         Sources in order of trust: the drives' feedback, the last command seen on the topic, the
         target controller's proposal, the operator's manual values.
@@ -83,30 +83,29 @@ class StartUp:
         # Feedback shows what acts, whatever happened before. The other sources only say what was
         # meant to act, and count once every controller has had time to report.
         if tick.drives is not None:
-            self._begin_from(tick, self._in_force.commanded(tick.drives), Code.FROM_DRIVES)
-        elif not final or not self._heard(now_s) or machine.reported is not None:
-            return False  # an actuator end that reports may have moved the drives itself
-        elif self._in_force.seen is not None:
-            self._begin_from(tick, self._in_force.seen, Code.FROM_COMMAND)
-        elif candidate is not None and not candidate.refusal:
+            acting = self._in_force.commanded(tick.drives)
+            return self._begin_from(tick, acting, Code.FROM_DRIVES)
+        if not final or not self._heard(now_s) or machine.reported is not None:
+            return tick  # an actuator end that reports may have moved the drives itself
+        if self._in_force.seen is not None:
+            return self._begin_from(tick, self._in_force.seen, Code.FROM_COMMAND)
+        if candidate is not None and not candidate.refusal:
             command = candidate.command
-            self._begin_from(tick, command, Code.FROM_PROPOSAL, controller=machine.target)
-        elif machine.mode is Mode.MANUAL and manual is not None:
-            self._begin_from(tick, manual, Code.FROM_OPERATOR)
-        else:
-            return False
-        return True
+            return self._begin_from(tick, command, Code.FROM_PROPOSAL, controller=machine.target)
+        if machine.mode is Mode.MANUAL and manual is not None:
+            return self._begin_from(tick, manual, Code.FROM_OPERATOR)
+        return tick
 
-    def _begin_from(self, tick: Tick, command: Command, origin: Code, **data: str) -> Command:
-        applied = tick.previous = self._machine.settings.drive_limits.clip(command, None)
+    def _begin_from(self, tick: Tick, command: Command, origin: Code, **data: str) -> Tick:
+        applied = self._machine.settings.drive_limits.clip(command, None)
         self._in_force.begin_from(applied)
         # Proposals that arrived before were checked without a rate limit.
-        self._registry.check_again(tick)
+        tick = self._registry.check_again(tick._replace(previous=applied))
         if self._machine.tick - self._begun_tick > 1:  # else one message covers successive ticks
             values = {**applied._asdict(), "origin": Fact(origin, data)}
             self._machine.log(Level.INFO, "start", Code.TAKING_OVER, **values)
         self._begun_tick = self._machine.tick
-        return applied
+        return tick
 
     def _listened(self, now_s: float) -> bool:
         """Whether the controllers have had time to report their selection."""
@@ -145,7 +144,6 @@ class StartUp:
         machine, name = self._machine, self.controller
         if not final and name not in tick.candidates:
             return Reason()
-        self._correct_command(tick)
         candidate = tick.candidates.get(name)
         why_not = Reason(ReasonCode.NO_PROPOSAL_YET)
         if candidate is not None:
@@ -173,7 +171,7 @@ class StartUp:
         machine.explain(Reason(ReasonCode.WAITING_FOR_CONTROLLER, subject=name, because=why_not))
         return machine.reason
 
-    def _correct_command(self, tick: Tick) -> None:
+    def correct_command(self, tick: Tick) -> Tick:
         """After a restart: separate the command in force from a disturbance of the feedback.
 
         The previously active controller proposes at most one move from the command in force. The
@@ -183,7 +181,7 @@ class StartUp:
         name, applied = self.was_active, self._in_force.applied
         candidate = tick.candidates.get(name)
         if not (self._in_force.before_first and candidate and candidate.jump and applied):
-            return
+            return tick
         limits, proposed = self._machine.settings.drive_limits, candidate.command
         force_kn = applied.force_kn
         # Less force than proposed is the plant's own ramp and is kept; more is a disturbance, as
@@ -191,9 +189,9 @@ class StartUp:
         if force_kn - proposed.force_kn > limits.force_step_kn:
             force_kn = proposed.force_kn
         between = Command(force_kn, proposed.speed_rpm)
-        applied = self._begin_from(tick, between, Code.FROM_BOTH, controller=name)
+        tick = self._begin_from(tick, between, Code.FROM_BOTH, controller=name)
         again = ProposalInput(tick.stamp_ns, name, proposed)
-        tick.candidates[name] = check(name, again, applied, limits)
+        return tick.with_candidate(name, check(name, again, tick.previous, limits))
 
     def _substitute(self, tick: Tick) -> str:
         """Fallback with enough good proposals to replace an absent configured controller."""

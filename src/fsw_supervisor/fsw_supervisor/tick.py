@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from math import isclose, nan
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from fsw_control.command_gate import Flaw, refusal
 from fsw_control.contract import Command, Limits
@@ -11,6 +14,7 @@ from fsw_control.reason import Reason, ReasonCode
 
 #: after this time without measurements the command in force counts as unknown [s]
 GAP_S = 1.0
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,26 +82,29 @@ class Outcome:
     excuse: Reason
 
 
-@dataclass(slots=True)
-class Tick:
-    """Inputs of one tick as they arrive, and its outcome; times are on the steady clock."""
+class Tick(NamedTuple):
+    """Inputs of one tick as far as they have arrived, and its outcome; times on the steady clock.
+
+    Immutable: what changes a tick returns another one, and only
+    :class:`fsw_supervisor.ticks.Ticks` decides which of them is present.
+    """
 
     stamp_ns: int
     started_s: float
     deadline_s: float  #: when it is decided with the inputs at hand
     previous: Command | None  #: command applied in the tick before; None if unknown
     ready: frozenset[str] = frozenset()  #: controllers that were ready when it began
-    samples: dict[str, float] = field(default_factory=dict)  #: by sensor [mm, N m, degC]
+    samples: Mapping[str, float] = _NOTHING  #: by sensor [mm, N m, degC]
     depth_deviation_mm: float = nan  #: standard deviation of the depth; NaN if unknown
     drives: Command | None = None  #: actual force and speed, as reported by the drives
     #: by controller, proposals that arrived in time
-    candidates: dict[str, Candidate] = field(default_factory=dict)
+    candidates: Mapping[str, Candidate] = _NOTHING
     #: by controller with several proposals: whether they differ
-    duplicates: dict[str, bool] = field(default_factory=dict)
+    duplicates: Mapping[str, bool] = _NOTHING
     judged: bool = False  #: by the safety monitor
     dropouts: tuple[str, ...] = ()  #: sensors without a sample that had one in the tick before
     #: why the active controller has failed in this tick
-    failure: Reason = Reason()  # noqa: RUF009  # immutable
+    failure: Reason = Reason()
     extended: bool = False  #: in lockstep: more time was given to a slow fallback
     drained: bool = False  #: after a stall of this process: time was given to drain its queues
     stalled: bool = False  #: this process was stalled, so that no controller counts as failed
@@ -118,6 +125,10 @@ class Tick:
             return Reason(ReasonCode.STALLED)
         return Reason() if self.samples else Reason(ReasonCode.NO_SAMPLES)
 
-    def settle(self, decision: Decision | None = None, excuse: Reason | None = None) -> None:
-        """Settle the tick with a command, or without one."""
-        self.outcome = Outcome(decision, excuse or self.excuse)
+    def settle(self, decision: Decision | None = None, excuse: Reason | None = None) -> Tick:
+        """Return the tick settled with a command, or without one."""
+        return self._replace(outcome=Outcome(decision, excuse or self.excuse))
+
+    def with_candidate(self, name: str, candidate: Candidate) -> Tick:
+        """Return the tick with the candidate command of a controller."""
+        return self._replace(candidates={**self.candidates, name: candidate})

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import inf, isnan, nan
 
 from fsw_control.cause import Cause
+from fsw_control.contract import Command
 from fsw_control.message_synchronizer import StampFilter
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.sensors import OPTIONAL, REQUIRED
@@ -12,7 +14,7 @@ from fsw_control.units import NANOSECONDS
 from fsw_supervisor.arbitration import Arbitration
 from fsw_supervisor.facts import Code
 from fsw_supervisor.state_machine import Level
-from fsw_supervisor.tick import GAP_S, Decision, Tick
+from fsw_supervisor.tick import GAP_S, Decision, ProposalInput, Tick
 
 #: in real time, time without a usable stamp after which a safe stop begins, as with the drives'
 #: watchdog [s]
@@ -70,7 +72,7 @@ class Ticks:
         if source in OPTIONAL:  # does not begin a tick
             self._optional[source] = (stamp_ns, value)
             if self.present is not None:
-                self._add_optional(self.present)
+                self.present = self._with_optional(self.present)
             return
         self._heard_s = now_s
         newest_ns = self._stamps.newest_ns
@@ -82,26 +84,40 @@ class Ticks:
             self._begin(stamp_ns)
         tick = self.present
         if tick is not None and stamp_ns == tick.stamp_ns:
-            before, tick.drives = tick.drives, self._in_force.feedback(stamp_ns) or tick.drives
-            is_first = before is None and tick.drives is not None
+            drives = self._in_force.feedback(stamp_ns) or tick.drives
+            is_first = tick.drives is None and drives is not None
             if is_first and self._starts_from_drives and not (tick.settled or tick.answered):
                 self._in_force.forget()
-            # of a depth that comes twice, the first one counts
-            if stamp_ns == self._deviation[0] and isnan(tick.depth_deviation_mm):
-                tick.depth_deviation_mm = self._deviation[1]
-            for name, sample in accepted.samples.items():
-                if name in REQUIRED:
-                    tick.samples.setdefault(name, sample)
+            samples = {name: v for name, v in accepted.samples.items() if name in REQUIRED}
+            self.enter(samples, drives)
+
+    def enter(self, samples: Mapping[str, float], drives: Command | None = None) -> None:
+        """Enter samples of required sensors and of the drives in the present tick."""
+        tick = self.present
+        if tick is None:
+            return
+        deviation_mm = tick.depth_deviation_mm
+        # of a depth that comes twice, the first one counts
+        if tick.stamp_ns == self._deviation[0] and isnan(deviation_mm):
+            deviation_mm = self._deviation[1]
+        self.present = tick._replace(
+            samples={**samples, **tick.samples},  # the first one of each sensor counts
+            drives=drives or tick.drives,
+            depth_deviation_mm=deviation_mm,
+        )
+
+    def on_proposal(self, name: str, proposal: ProposalInput) -> None:
+        """Take a proposal for the present tick, a past one or a future one."""
+        self.present = self._registry.take(name, proposal, self.present, self.now_s)
 
     def on_depth_deviation(self, stamp_ns: int, deviation_mm: float) -> None:
         """Take the standard deviation of a depth, ahead of its sample."""
         self._deviation = (stamp_ns, deviation_mm)
 
-    def _add_optional(self, tick: Tick) -> None:
-        """Enter samples of optional sensors, which may arrive before the tick begins."""
-        for name, (stamp_ns, value) in self._optional.items():
-            if stamp_ns == tick.stamp_ns:
-                tick.samples.setdefault(name, value)
+    def _with_optional(self, tick: Tick) -> Tick:
+        """Return a tick with samples of optional sensors, which may arrive before it begins."""
+        samples = {n: v for n, (ns, v) in self._optional.items() if ns == tick.stamp_ns}
+        return tick._replace(samples={**samples, **tick.samples}) if samples else tick
 
     def pass_time(self, now_s: float) -> None:
         """Note the time and any stall of this process, after which the queues get time to drain.
@@ -118,10 +134,10 @@ class Ticks:
         if tick is None or tick.settled or tick.stalled or tick.drained:
             return
         if now_s > tick.deadline_s + settings.stall_tolerance_s:
-            tick.drained = True
-            tick.stalled = not (self._lockstep and self.leading)
-            drain_s = settings.stall_tolerance_s if tick.stalled else settings.lockstep_deadline_s
-            tick.deadline_s = now_s + drain_s / 2.0
+            stalled = not (self._lockstep and self.leading)
+            drain_s = settings.stall_tolerance_s if stalled else settings.lockstep_deadline_s
+            deadline_s = now_s + drain_s / 2.0
+            self.present = tick._replace(drained=True, stalled=stalled, deadline_s=deadline_s)
             self.stalls += 1
             stalled_s = now_s - tick.started_s
             self._machine.log(Level.WARN, "arbiter", Code.STALLED, time_s=stalled_s)
@@ -172,16 +188,16 @@ class Ticks:
         if not self.leading:
             # The leader decides first.
             period_s = settings.takeover_s(self._lockstep)
-        tick = self.present = Tick(stamp_ns, now_s, now_s + period_s, self._in_force.applied)
-        self._add_optional(tick)
+        tick = Tick(stamp_ns, now_s, now_s + period_s, self._in_force.applied)
+        self.present = self._with_optional(tick)
         if gap:
             self.interrupt(Reason(ReasonCode.GAP))
         # after a gap before the first command, listening restarts
         self._arbitration.start_up.begin(now_s)
         self._arbitration.change_between_ticks(now_s)
         # Determined before any proposal for this tick, so that their order does not matter.
-        tick.ready = self._registry.all_ready()
-        self._registry.take_early(tick, now_s)
+        tick = self.present._replace(ready=self._registry.all_ready())
+        self.present = self._registry.take_early(tick, now_s)
 
     def _time_ns(self, stamp_ns: int, past: Tick | None) -> int | None:
         """Time of a new tick on the clock of all time-outs; None: one tick period later."""
@@ -197,11 +213,11 @@ class Ticks:
         # Feedback on a past measurement does not describe the drives now.
         unknown = self._in_force.applied is None and not self._in_force.before_first
         if not tick.settled and (gap or unknown or self._starts_from_drives):
-            tick.settle()
+            self.present = tick = tick.settle()
             self.lost += 1
         elif not tick.settled:
-            tick.stalled = True
-            self._advance(final=True)
+            self.present = tick._replace(stalled=True)
+            tick = self._advance(self.present, final=True)
         self._registry.close(tick)
         if not self._arbitration.watch.seen_lately(self.now_s):
             # Not earlier, so that the arrival order of the tick's messages does not matter.
@@ -211,7 +227,7 @@ class Ticks:
         """Determine the command in force again: the plant or this process was suspended."""
         self._arbitration.start_up.interrupt()
         if self.present is not None:
-            self.present.previous = None
+            self.present = self.present._replace(previous=None)
         self._machine.log(Level.WARN, "sensors", Code.GAP, reason=reason)
         self._machine.fire(Cause.INTERRUPTED, reason, "start")
 
@@ -219,22 +235,22 @@ class Ticks:
 
     def decide(self) -> list[Decision]:
         """Decide the present tick if possible; return all commands to send."""
-        self._advance()
+        if self.present is not None and not self.present.settled:
+            self._advance(self.present)
         decisions, self._outbox = self._outbox, []
         return decisions
 
-    def _advance(self, final: bool = False) -> None:
-        tick = self.present
-        if tick is None or tick.settled:
-            return
+    def _advance(self, tick: Tick, final: bool = False) -> Tick:
+        """Decide the present tick if possible; return it."""
         awaits_drives = tick.drives is None and not final and self.now_s < tick.deadline_s
         if awaits_drives and self._starts_from_drives:
-            return
-        self._arbitration.decide(tick, self.now_s, final)
+            return tick
+        self.present = tick = self._arbitration.decide(tick, self.now_s, final)
         if tick.outcome is not None and tick.outcome.decision is None and not tick.answered:
             self.lost += 1
         if self.leading:
             self.send()
+        return self.present
 
     def send(self) -> None:
         """Put the present tick's command into the outbox, unless the tick is answered."""
@@ -242,7 +258,7 @@ class Ticks:
         if tick is None or tick.answered or tick.outcome is None or tick.outcome.decision is None:
             return
         decision = tick.outcome.decision
-        tick.answered = True
+        self.present = tick._replace(answered=True)
         self._in_force.on_sent(decision.command)
         self.last, self.commanded_s = decision, self.now_s
         self.commands += 1
@@ -258,7 +274,27 @@ class Ticks:
             self._arbitration.watch.sent(last)
         elif not self.leading and tick is not None and tick.stamp_ns == stamp_ns:
             # The leader died after its answer had arrived here, but not at the plant.
-            tick.answered = False
+            self.present = tick._replace(answered=False)
+
+    def follow(self, decision: Decision) -> None:
+        """On standby: note the leader's answer to the present tick or to one before."""
+        self.last, self.commanded_s, tick = decision, self.now_s, self.present
+        # The standby decides the same ticks but sends nothing: one that the leader has answered is
+        # closed, so that a takeover does not command twice for one measurement.
+        if tick is not None and decision.stamp_ns == tick.stamp_ns:
+            self.present = tick._replace(answered=True)
+        elif tick is not None:
+            self.present = tick._replace(previous=decision.command)
+
+    def step_down(self) -> None:
+        """Stop sending: another supervisor leads."""
+        self.take_back([])
+        self.leading = False
+        if (tick := self.present) is not None:
+            # In lockstep the plant may still wait for an answer to this tick: it is decided here,
+            # too.
+            answered = tick.answered or not self._lockstep
+            self.present = tick._replace(answered=answered, previous=None)
 
     def take_back(self, unsent: list[Decision]) -> None:
         """Count decided commands as lost that must not be sent any more."""

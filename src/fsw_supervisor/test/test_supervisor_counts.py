@@ -33,17 +33,26 @@ class Counted:
         self.ticks.append(
             Tick(self.stamp_ns, self.now_s, self.now_s + 0.08, STEADY, samples={"depth": 2.6})
         )
-        self.registry.take_early(self.ticks[-1], self.now_s)
+        self.ticks[-1] = self.registry.take_early(self.ticks[-1], self.now_s)
         return self
+
+    def change(self, **changes):
+        """Change the present tick."""
+        self.ticks[-1] = self.ticks[-1]._replace(**changes)
+
+    def take(self, name, proposal, now_s):
+        """Take a proposal."""
+        tick = self.ticks[-1] if self.ticks else None
+        tick = self.registry.take(name, proposal, tick, now_s)
+        if tick is not None:
+            self.ticks[-1] = tick
 
     def propose(self, behind=0, after_s=0.01, force_kn=80.0, name="a", **changes):
         """Propose to the tick so many ticks ago."""
         proposal = ProposalInput(
             self.stamp_ns - behind * STEP_NS, name, Command(force_kn, 410.0), **changes
         )
-        self.registry.take(
-            name, proposal, self.ticks[-1] if self.ticks else None, self.now_s + after_s
-        )
+        self.take(name, proposal, self.now_s + after_s)
         return self.record
 
     @property
@@ -128,8 +137,8 @@ def test_an_old_answer_that_was_given_before_is_a_duplicate_and_refused(counted)
 
 
 def test_late_answer_after_a_supervisor_stall_is_not_a_failure(counted):
-    counted.ticks[-1].stalled = True
-    counted.ticks[-1].settle()
+    counted.change(stalled=True)
+    counted.ticks[-1] = counted.ticks[-1].settle()
     record = counted.begin().propose(behind=1)
     assert record.problem == Reason()
     assert counts(record) == {"late": 1, "consecutive_good": 5, "silent_ticks": 1}
@@ -148,7 +157,7 @@ def test_in_lockstep_an_answer_to_an_older_measurement_is_as_good_as_another():
 
 def test_in_lockstep_an_answer_is_checked_against_what_was_applied_then():
     counted = Counted(lockstep=True).begin().begin()
-    counted.ticks[-1].previous = Command(82.0, 410.0)
+    counted.change(previous=Command(82.0, 410.0))
     assert counted.propose(behind=1, force_kn=80.5).consecutive_good == 1
     counted.begin()
     jump = Reason(ReasonCode.JUMP, subject="force")
@@ -200,13 +209,14 @@ def test_who_never_proposed_is_told_to_be_silent_without_a_warning(counted):
 
 
 def test_silence_in_an_excused_tick_is_not_a_failure(counted):
-    counted.ticks[-1].stalled = True
+    counted.change(stalled=True)
     counted.begin()
     assert (counted.record.problem, counts(counted.record)) == (
         Reason(),
         {"consecutive_good": 5, "silent_ticks": 1},
     )
-    counted.ticks[-1].settle(Decision(counted.stamp_ns, STEADY, "hold"), "an excuse")
+    decision = Decision(counted.stamp_ns, STEADY, "hold")
+    counted.ticks[-1] = counted.ticks[-1].settle(decision, "an excuse")
     assert counted.propose().consecutive_good == 5, "an answer to it is neither good nor bad"
     assert counted.ticks[-1].candidates == {}
     assert counted.record.last_stamp_ns == counted.stamp_ns
@@ -415,14 +425,12 @@ def test_refusal_is_logged_once_and_counted(counted):
 
 
 def test_candidates_are_checked_again_once_it_is_known_what_is_applied(counted):
-    tick = counted.ticks[-1]
-    tick.previous = None
+    counted.change(previous=None)
     counted.registry.join("b")
     counted.propose(force_kn=85.0)
     counted.propose(name="b", healthy=False, reason=Reason.of("not yet"))
-    assert tick.candidates["a"].refusal == Reason()
-    tick.previous = STEADY
-    counted.registry.check_again(tick)
+    assert counted.ticks[-1].candidates["a"].refusal == Reason()
+    tick = counted.registry.check_again(counted.ticks[-1]._replace(previous=STEADY))
     assert tick.candidates["a"].jump
     assert counts(counted.record) == {"rejected": 1}
     assert counted.record.problem == Reason(ReasonCode.JUMP, subject="force")

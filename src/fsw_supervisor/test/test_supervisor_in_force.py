@@ -337,15 +337,15 @@ def test_faults_are_excused_if_the_supervisor_was_held_up_or_no_sensor_sample_ha
     tick = Tick(1, 0.0, 0.08, None, samples={"depth": 2.6} if sampled else {}, stalled=stalled)
     assert bool(tick.excuse) == (stalled or not sampled)
     reason = tick.excuse
-    tick.settle()
+    tick = tick.settle()
     assert tick.outcome == Outcome(None, reason)
-    tick.stalled, tick.samples = not stalled, {}
+    tick = tick._replace(stalled=not stalled, samples={})
     assert tick.excuse == reason, "settled with the decision"
 
 
 def test_an_excuse_of_the_decision_counts_before_others():
     tick = Tick(1, 0.0, 0.08, None, stalled=True)
     excuse = Reason(ReasonCode.INCOMPLETE, ("torque",))
-    tick.settle(SENT, excuse)
+    tick = tick.settle(SENT, excuse)
     assert tick.outcome == Outcome(SENT, excuse)
     assert tick.excuse == excuse

@@ -179,7 +179,7 @@ def judged(monitor, count=1, acting=None, **samples):
         monitor.stamp_ns = getattr(monitor, "stamp_ns", 10**12) + 10**8
         tick = Tick(monitor.stamp_ns, 0.0, 0.08, None, samples=dict(samples))
         monitor._machine.advance(monitor.stamp_ns)
-        monitor.judge(tick, acting)
+        tick = monitor.judge(tick, acting)
     return tick
 
 
@@ -256,5 +256,5 @@ def test_recent_feedback_acts_else_the_command(age_ns, is_feedback):
     assert in_force.acting(tick, 0.3) == (
         Command(82.0, 412.0) if is_feedback else Command(80.0, 410.0)
     )
-    tick.drives = Command(83.0, 413.0)
+    tick = tick._replace(drives=Command(83.0, 413.0))
     assert in_force.acting(tick, 0.3) == Command(83.0, 413.0)
