@@ -285,9 +285,9 @@ def _solve_steady(
     problem = Problem(
         first.segments, start, [name for name in free if name not in _KEPT_FIRST], first.prior
     )
-    problem.walk = WALK[0]
+    problem = problem.variant(walk=WALK[0])
     solve(problem, count)
-    problem.free = free
+    problem = problem.variant(free=free)
     solve(problem, count)
     return problem
 
@@ -326,19 +326,19 @@ def _solve(
     problem = Problem(
         first.segments, start, [name for name in free if name not in _KEPT_FIRST], first.prior
     )
+    coloured, lag_s = sensors
+    problem = problem.variant(coloured=coloured, lag_s=lag_s, lagged=lag_s > 0.0)
     problem.set_shifts(shifts, sizes)
-    problem.coloured, problem.lag_s = sensors
-    problem.lagged = problem.lag_s > 0.0
     solve(problem, count)
     # Walks keep their starting size until the shifts are known: a larger walk would follow a
     # jump and hide it.
-    problem.free = free
+    problem = problem.variant(free=free)
     solve(problem, count)
     if problem.coloured and problem.autocorrelation.max() < _COLOURED:
         # a lag or a shift had coloured the residuals
-        problem.coloured, problem.autocorrelation = False, np.zeros(len(OUTPUTS))
+        problem = problem.variant(coloured=False, autocorrelation=np.zeros(len(OUTPUTS)))
     _add_shifts(problem, count)
-    problem.fixed_walk = False
+    problem = problem.variant(fixed_walk=False)
     solve(problem, count)
     _add_shifts(problem, count)
     return problem
@@ -358,8 +358,7 @@ def validate(segments: Sequence[Segment], parameters: ModelParameters, lag_s: fl
 
     Parameters and return value as in :func:`identify`; ``lag_s`` is the thermocouple's lag.
     """
-    problem = Problem(segments, parameters, ())
-    problem.walk, problem.lag_s = WALK[0], lag_s
+    problem = Problem(segments, parameters, ()).variant(walk=WALK[0], lag_s=lag_s)
     solve(problem, lambda: None)
     return _fit(problem, {}, [])
 
@@ -377,8 +376,7 @@ def expected_deviations(
     noise : (3,) array
         Standard deviations of the sensors in the order of ``OUTPUTS``.
     """
-    problem = Problem(segments, parameters, CANDIDATES)
-    problem.noise, problem.walk = noise, WALK[0]
+    problem = Problem(segments, parameters, CANDIDATES).variant(noise=noise, walk=WALK[0])
     problem.settle()
     covariance = np.linalg.inv(problem.information())
     return dict(zip(problem.free, map(float, np.sqrt(np.diag(covariance))), strict=False))

@@ -154,7 +154,10 @@ class Problem:
         self.parts: list[Part] = []
 
     def variant(self, **attributes: Any) -> Self:
-        """Return a shallow copy with other attributes, for queries that must not change this."""
+        """Return a shallow copy with other attributes: for a query, or a stage of the solution.
+
+        Only a solution changes a problem: parameters, noise, walks and what it predicts.
+        """
         other = copy(self)
         vars(other).update(attributes)
         return other
