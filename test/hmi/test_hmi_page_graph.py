@@ -14,13 +14,6 @@ from fsw_test_support.page_steps import DRAWN_AHEAD, in_control, press, until
 from fsw_test_support.patient_weld import PATIENT_ARGUMENTS, PatientWeld
 from fsw_test_support.waiting import PATIENCE_S, wait_for_text
 
-#: what cools and rises in a stop until it is acknowledged, is no further cause to stop
-WIDE = {
-    "temperature_low.warn": 310.0,
-    "temperature_low.trip": 300.0,
-    "depth_low.warn": 0.02,
-    "depth_low.trip": 0.01,
-}
 PARTS = {
     "decentral": ("fsw_decentral.decentral_node", []),
     "nmpc": ("fsw_nmpc.nmpc_node", []),
@@ -29,11 +22,6 @@ PARTS = {
         [
             "--ros-args",
             *PATIENT_ARGUMENTS,
-            *(
-                word
-                for name, value in WIDE.items()
-                for word in ("-p", f"interlocks.{name}:={value}")
-            ),
         ],
     ),
     "plant": ("fsw_plant.plant_node", ["--ros-args", "-p", "wait_for_subscribers:=3"]),

@@ -7,8 +7,9 @@ from fsw_control.contract import Coming, Command, Limits, Measurement, Proposal,
 from fsw_control.schema.models import InputError
 from fsw_decentral import DecentralController
 from fsw_model import ProcessModel
+from fsw_plant import PlantEmulator
 from fsw_scenario import scenario_file
-from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.closed_loop import ClosedLoop, OfflineSupervisor
 from fsw_scenario.controllers import make
 
 
@@ -200,3 +201,26 @@ def test_decentralized_controller_ignores_announcements():
         )
         runs.append(ClosedLoop(scenario, {"decentral": make("decentral")}).run())
     assert np.array_equal(runs[0].force_kn, runs[1].force_kn)
+
+
+@pytest.mark.requirement("S25")
+@pytest.mark.parametrize("acknowledged_after_s", [1.0, 30.0, 90.0, 200.0])
+def test_a_safe_stop_can_be_acknowledged_however_long_it_lasts(acknowledged_after_s):
+    """The tool rises to the surface and the copper cools: both are the stop's own doing."""
+    plant, stop = PlantEmulator(), 20
+    supervisor = OfflineSupervisor({"decentral": DecentralController()}, "decentral")
+    arbiter, acknowledged = supervisor._arbiter, []
+    for tick in range(2500):
+        reading = plant.measure()
+        proposal = {"decentral": Proposal(Command(78.4, 407.0))}
+        decision = supervisor.decide(reading.stamp_ns, reading.values, reading.drives, proposal)
+        if tick == stop:
+            assert arbiter.operator.ask_mode("safe_stop", None, "operator").ok
+        if tick == stop + 10 * acknowledged_after_s:
+            acknowledged.append(arbiter.operator.acknowledge("operator").ok)
+        plant.apply(decision.command, reading.stamp_ns, decision.source)
+        plant.step()
+    assert acknowledged == [True]
+    assert arbiter.machine.acknowledged
+    assert set(arbiter.safety.tripped) == {"depth_low", "temperature_low"}
+    assert not arbiter.operator.ask_mode("auto", None, "operator").ok

@@ -36,8 +36,8 @@ _LOG_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP
 _SENSOR = {**{SENSORS[name].signal: name for name in REQUIRED}, "power_kw": "torque"}
 #: quantities of a measurement that interlocks watch
 _MEASURED = ("depth_mm", "torque_nm", "temperature_c", "force_kn")
-#: trips that a safe stop itself causes: less force heats less
-_CONSEQUENCES = {"temperature_low"}
+#: trips that a safe stop itself causes: under less force the tool rises and heats less
+_CONSEQUENCES = {"depth_low", "temperature_low"}
 #: modes in which the process is controlled, or is to be again, without an operator
 _AUTOMATIC = (Mode.START, Mode.AUTO, Mode.HOLD)
 #: time in which as much blindness is forgiven as has lasted for a tenth of it (chosen)
