@@ -30,80 +30,69 @@ _ABSENT = "({topic} is not in the bag)"
 class FactCode(Worded):
     """Findings of the rules, unknowns, and integrity of the bag."""
 
-    NOT_ON_RECORD = "not_on_record", "not on record"
-    RULES = "rules", "{count} rules"
+    NOT_ON_RECORD = "not on record"
+    RULES = "{count} rules"
     # complete
-    ENDED = "ended", "the weld was {state}"
-    NO_END = "no_end", "the end of the weld is not on record"
-    NO_PHASE = (
-        "no_phase",
-        "no phase of the procedure took place; phases on record: {phases}",
-    )
-    PHASES = "phases", "phases on record: {phases}"
-    ANGLE_UNKNOWN = "angle_unknown", "{phase}: angle not on record"
-    BEGINS = "begins", "{phase} begins at {angle_deg:.1f} instead of {from_deg:g} deg"
-    REACHES = "reaches", "{phase} reaches {angle_deg:.1f} of {to_deg:g} deg"
-    LASTS = "lasts", "{phase} lasts {time_s:.1f} of {duration_s:g} s"
+    ENDED = "the weld was {state}"
+    NO_END = "the end of the weld is not on record"
+    NO_PHASE = "no phase of the procedure took place; phases on record: {phases}"
+    PHASES = "phases on record: {phases}"
+    ANGLE_UNKNOWN = "{phase}: angle not on record"
+    BEGINS = "{phase} begins at {angle_deg:.1f} instead of {from_deg:g} deg"
+    REACHES = "{phase} reaches {angle_deg:.1f} of {to_deg:g} deg"
+    LASTS = "{phase} lasts {time_s:.1f} of {duration_s:g} s"
     # recording
-    PROBLEM = "problem", "{problem}"
-    LOST_UNKNOWN = "lost_unknown", "whether messages were lost is not on record"
-    LOST = "lost", "{count} messages lost"
-    GAPS = "gaps", "{count} gaps, longest {longest_s:.1f} s"
+    PROBLEM = "{problem}"
+    LOST_UNKNOWN = "whether messages were lost is not on record"
+    LOST = "{count} messages lost"
+    GAPS = "{count} gaps, longest {longest_s:.1f} s"
     # limits
-    OUTSIDE = "outside", "{often}, {time_s:.1f} s, {share:.2%}, longest {longest_s:.1f} s"
-    LENGTH = "length", "over {length_mm:.1f} mm"
-    BEYOND = "beyond", "by up to {beyond:.4g}"
-    MISSING = "missing", "{count} samples missing"
+    OUTSIDE = "{often}, {time_s:.1f} s, {share:.2%}, longest {longest_s:.1f} s"
+    LENGTH = "over {length_mm:.1f} mm"
+    BEYOND = "by up to {beyond:.4g}"
+    MISSING = "{count} samples missing"
     # equipment
-    WELDED_BY = "welded_by", "{procedure} revision {revision}, SHA-256 {sha256:.12}…"
-    UNUSABLE = "unusable", "{count} {flaw}"
-    DAY_UNKNOWN = "day_unknown", "the day of the weld is not known (simulated time)"
-    WELDED_ON = "welded_on", "welded on {day}"
-    COMMANDED = "commanded", "{controller} {time_s:.1f} s"
-    NO_COMMAND = "no_command", "not on record {time_s:.1f} s"
-    TUNING = "tuning", "{sha256:.12}…"
-    NAME = "name", "{name}"
-    USED = "used", "{used_mm:.0f} mm with this weld"
-    USE_UNKNOWN = "use_unknown", "use before this weld is not on record"
+    WELDED_BY = "{procedure} revision {revision}, SHA-256 {sha256:.12}…"
+    UNUSABLE = "{count} {flaw}"
+    DAY_UNKNOWN = "the day of the weld is not known (simulated time)"
+    WELDED_ON = "welded on {day}"
+    COMMANDED = "{controller} {time_s:.1f} s"
+    NO_COMMAND = "not on record {time_s:.1f} s"
+    TUNING = "{sha256:.12}…"
+    NAME = "{name}"
+    USED = "{used_mm:.0f} mm with this weld"
+    USE_UNKNOWN = "use before this weld is not on record"
     # course of the weld
-    HELD = "held", "{often}, {time_s:.1f} s"
-    SWAPS = "swaps", "{count} swaps, {unwanted} not on request"
-    CAUSE_UNKNOWN = "cause_unknown", "{count} of a cause that is not on record"
-    IN_MODE = "in_mode", "{mode} {time_s:.1f} s"
-    MODE_UNKNOWN = "mode_unknown", "not on record at {ticks} ticks"
-    TRIPPED = "tripped", "interlock {interlock}, {state}"
+    HELD = "{often}, {time_s:.1f} s"
+    SWAPS = "{count} swaps, {unwanted} not on request"
+    CAUSE_UNKNOWN = "{count} of a cause that is not on record"
+    IN_MODE = "{mode} {time_s:.1f} s"
+    MODE_UNKNOWN = "not on record at {ticks} ticks"
+    TRIPPED = "interlock {interlock}, {state}"
     # unknowns of a weld
-    NO_STATES = "no_states", f"swaps, modes and interlocks {_ABSENT}"
-    NO_PROGRESS = "no_progress", f"phases, angles and positions along the weld {_ABSENT}"
-    NO_DRIVES = "no_drives", f"force and speed as the drives measure them {_ABSENT}"
-    NO_MONITOR = "no_monitor", f"what a monitor would have found: none was recorded {_ABSENT}"
-    NO_ALARMS = (
-        "no_alarms",
-        f"whether there were alarms: the operator's page, which reports them, was not recorded {_ABSENT}",
-    )
-    DAMAGE = "damage", "{problem}: what was there is not known"
+    NO_STATES = f"swaps, modes and interlocks {_ABSENT}"
+    NO_PROGRESS = f"phases, angles and positions along the weld {_ABSENT}"
+    NO_DRIVES = f"force and speed as the drives measure them {_ABSENT}"
+    NO_MONITOR = f"what a monitor would have found: none was recorded {_ABSENT}"
+    NO_ALARMS = f"whether there were alarms: the operator's page, which reports them, was not recorded {_ABSENT}"
+    DAMAGE = "{problem}: what was there is not known"
     MACHINE_NOT_COMPARED = (
-        "machine_not_compared",
-        "whether it was the machine of the procedure, {id}: none was given to the recorder",
+        "whether it was the machine of the procedure, {id}: none was given to the recorder"
     )
-    NOT_GIVEN = "not_given", "{keys}: not given to the recorder (parameter custom_data)"
-    NO_VERSIONS = "no_versions", "software versions (versions.json is not in the bag)"
+    NOT_GIVEN = "{keys}: not given to the recorder (parameter custom_data)"
+    NO_VERSIONS = "software versions (versions.json is not in the bag)"
     NO_PROCEDURE = (
-        "no_procedure",
-        "by which procedure the weld ran (none is attached to the bag, nor reported by {node})",
+        "by which procedure the weld ran (none is attached to the bag, nor reported by {node})"
     )
     # integrity of the bag
-    UNPROVEN = "unproven", "no {file}: whether the files are what was recorded is not known"
-    NOT_AS_LISTED = "not_as_listed", "not as {file} has it: {problem}"
-    AS_LISTED = "as_listed", "{count} files as {file} has them"
-    LISTED_LATER = "listed_later", "{count} files as {file} has them, hashed after the recording"
-    SIGNATURE_UNCHECKED = (
-        "signature_unchecked",
-        "the signature of {file} cannot be checked: {problem}",
-    )
-    SIGNATURE_INVALID = "signature_invalid", "the signature of {file} is not valid: {problem}"
-    SIGNED = "signed", "{file} signed by {signer}"
-    UNSIGNED = "unsigned", "{file} is not signed"
+    UNPROVEN = "no {file}: whether the files are what was recorded is not known"
+    NOT_AS_LISTED = "not as {file} has it: {problem}"
+    AS_LISTED = "{count} files as {file} has them"
+    LISTED_LATER = "{count} files as {file} has them, hashed after the recording"
+    SIGNATURE_UNCHECKED = "the signature of {file} cannot be checked: {problem}"
+    SIGNATURE_INVALID = "the signature of {file} is not valid: {problem}"
+    SIGNED = "{file} signed by {signer}"
+    UNSIGNED = "{file} is not signed"
 
 
 #: by name of a rule, its requirement, and the text without findings
