@@ -211,15 +211,9 @@ def _limits(course: Course, book: RuleBook, exceeded: Sequence[Exceedance]) -> I
             check.kind == "set_point" and own
         ):
             verdict = Verdict.REVIEW
-        name = check.kind.replace("_", "-")
-        facts = _extent(own, longest, share, outside_mm)
-        yield Rule(
-            name=name,
-            subject=check.variable,
-            data=check.model_dump(mode="json", exclude={"kind"}, exclude_none=True),
-            facts=tuple(facts),
-            verdict=verdict,
-        )
+        name, facts = check.kind.replace("_", "-"), [*_extent(own, longest, share, outside_mm)]
+        data = check.model_dump(mode="json", exclude={"kind"}, exclude_none=True)
+        yield _rule(name, facts, True, verdict, check.variable, data)
 
 
 def _exceeds(value: float, most: float | None) -> bool:

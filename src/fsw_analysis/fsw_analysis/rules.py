@@ -11,6 +11,7 @@ from pydantic import Field, Strict
 from fsw_analysis.rule_book import SWAPS, Bounds
 from fsw_control.coded import Worded
 from fsw_control.schema.models import Many, Model
+from fsw_control.sensors import SENSORS
 
 
 class Verdict(StrEnum):
@@ -95,25 +96,53 @@ class FactCode(Worded):
     UNSIGNED = "{file} is not signed"
 
 
-#: by name of a rule, its requirement, and the text without findings
+#: by name of a rule: title where it decides, requirement, and figure without findings
 _WORDS = {
-    "all": ("every rule is kept", ""),
-    "complete": ("{programme}", "all"),
-    "recording": ("bag intact, without gaps", "intact"),
-    "procedure": ("welded by {procedure} revision {revision}, SHA-256 {sha256:.12}…", ""),
-    "sensor": ("{subject} on record and usable{due}", "yes"),
-    "controller": ("commands of {controllers} only", ""),
-    "tuning": ("{subject}: parameters {sha256:.12}…", ""),
-    "tool": ("tool {id}", ""),
-    "machine": ("{id}", ""),
-    "tool_life": ("tool used for at most {life_mm:g} mm", ""),
-    "hold": ("programme held for at most {limit_s:g} s", "never"),
-    "swaps": ("{permitted}", ""),
-    "mode": ("auto throughout", "yes"),
-    "interlocks": ("no trip", "none"),
-    "essential": ("{limit}", "always inside"),
-    "quality": ("{limit}", "always inside"),
-    "set-point": ("{limit}", "always inside"),
+    "all": ("good", "every rule is kept", ""),
+    "complete": ("programme not completed", "{programme}", "all"),
+    "recording": ("record incomplete", "bag intact, without gaps", "intact"),
+    "procedure": (
+        "welded by another procedure",
+        "welded by {procedure} revision {revision}, SHA-256 {sha256:.12}…",
+        "",
+    ),
+    "sensor": (
+        "sensor {subject} not usable throughout",
+        "{subject} on record and usable{due}",
+        "yes",
+    ),
+    "controller": (
+        "commands from a source that is not permitted",
+        "commands of {controllers} only",
+        "",
+    ),
+    "tuning": (
+        "controller {subject} with another tuning",
+        "{subject}: parameters {sha256:.12}…",
+        "",
+    ),
+    "tool": ("another tool than specified", "tool {id}", ""),
+    "machine": ("another machine than specified", "{id}", ""),
+    "tool_life": ("tool beyond its life", "tool used for at most {life_mm:g} mm", ""),
+    "hold": ("programme held too long", "programme held for at most {limit_s:g} s", "never"),
+    "swaps": ("controller changed", "{permitted}", ""),
+    "mode": ("not in automatic control throughout", "auto throughout", "yes"),
+    "interlocks": ("interlock tripped", "no trip", "none"),
+    "essential": ("{variable} beyond an essential limit", "{limit}", "always inside"),
+    "quality": ("{variable} outside its quality limit", "{limit}", "always inside"),
+    "set-point": ("{variable} outside the permitted range", "{limit}", "always inside"),
+}
+_NOT_THROUGHOUT = "{variable} not on record throughout"
+VARIABLES = {
+    **{row.signal: row.label.lower() for row in SENSORS.values()},
+    "force_kn": "force",
+    "speed_rpm": "speed",
+    "power_kw": "power",
+    "traverse_mm_per_min": "traverse speed",
+    "depth_error_mm": "depth error",
+    "temperature_error_c": "temperature error",
+    "set_point_depth_mm": "set-point of the depth",
+    "set_point_temperature_c": "set-point of the temperature",
 }
 
 
@@ -147,15 +176,25 @@ class Rule(Model):
     verdict: Annotated[Verdict, Strict(False)]
 
     @property
+    def title(self) -> str:
+        """The rule that decides, in a few words."""
+        codes = {fact.code for fact in self.facts}
+        lacks = FactCode.MISSING in codes and FactCode.BEYOND not in codes
+        words = _NOT_THROUGHOUT if lacks and "variable" in self.data else _WORDS[self.name][0]
+        variable = VARIABLES.get(self.subject, "")
+        text = words.format(subject=self.subject, variable=variable)
+        return text[:1].upper() + text[1:]
+
+    @property
     def words(self) -> str:
         """The requirement, in words."""
         data = _plain(self.data) | _derived(self.name, self.data)
-        return _WORDS[self.name][0].format_map(data | {"subject": self.subject})
+        return _WORDS[self.name][1].format_map(data | {"subject": self.subject})
 
     @property
     def figure(self) -> str:
         """The findings, in words."""
-        return "; ".join(fact.words for fact in self.facts) or _WORDS[self.name][1]
+        return "; ".join(fact.words for fact in self.facts) or _WORDS[self.name][2]
 
 
 def decide(rules: Sequence[Rule]) -> Rule:

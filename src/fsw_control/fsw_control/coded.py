@@ -36,7 +36,7 @@ class _NamedByMember(EnumType):
 
     def __new__(
         cls, name: str, bases: tuple[type, ...], body: Mapping[str, Any], **options: Any
-    ) -> Self:
+    ) -> _NamedByMember:
         """Create the enum."""
         named = cls.__prepare__(name, bases, **options)
         for key, item in body.items():
