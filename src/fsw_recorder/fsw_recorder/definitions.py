@@ -28,7 +28,6 @@ _PRIMITIVES = frozenset(
 )
 
 
-@cache
 def interface_definition(type_name: str) -> str:
     """``ros2msg`` text of a message type with all nested types, as rosbag2's; empty if unknown."""
     return _definition(type_name) or ""
@@ -85,13 +84,6 @@ def message_class(type_name: str) -> Any:
         raise BagError(f"its type {type_name} is not installed here: {error}") from None
 
 
-def _definition(type_name: str) -> str | None:
-    try:
-        return _installed_definition(type_name)
-    except (OSError, ValueError):  # messages of an unknown type are recorded without a definition
-        return None
-
-
 def _share(package: str) -> Path:
     """Folder of a package's definitions: in a sourced ROS 2, or in this environment's wheels."""
     prefixes = [
@@ -102,7 +94,9 @@ def _share(package: str) -> Path:
     return next((folder for folder in folders if folder.is_dir()), folders[-1])
 
 
-def _installed_definition(type_name: str) -> str:
+@cache
+def _definition(type_name: str) -> str | None:
+    """As `interface_definition`, but None if unknown."""
     package, *_, message = type_name.split("/")
     seen = {f"{package}/{message}"}
 
@@ -116,7 +110,10 @@ def _installed_definition(type_name: str) -> str:
                 text += f"\n{_SEPARATOR}\nMSG: {nested}\n{text_of(nested)}"
         return text
 
-    return text_of(f"{package}/{message}")
+    try:
+        return text_of(f"{package}/{message}")
+    except (OSError, ValueError):  # messages of an unknown type are recorded without a definition
+        return None
 
 
 class Definitions:
