@@ -28,6 +28,7 @@ _PRIMITIVES = frozenset(
 )
 
 
+@cache
 def interface_definition(type_name: str) -> str:
     """``ros2msg`` text of a message type with all nested types, as rosbag2's; empty if unknown."""
     return _definition(type_name) or ""
@@ -94,11 +95,11 @@ def _share(package: str) -> Path:
     return next((folder for folder in folders if folder.is_dir()), folders[-1])
 
 
-@cache
 def _definition(type_name: str) -> str | None:
     """As `interface_definition`, but None if unknown."""
-    package, *_, message = type_name.split("/")
-    seen = {f"{package}/{message}"}
+    parts = type_name.split("/")
+    name = f"{parts[0]}/{parts[-1]}"
+    seen = {name}
 
     def text_of(short_name: str) -> str:
         package, name = short_name.split("/")
@@ -111,7 +112,7 @@ def _definition(type_name: str) -> str | None:
         return text
 
     try:
-        return text_of(f"{package}/{message}")
+        return text_of(name)
     except (OSError, ValueError):  # messages of an unknown type are recorded without a definition
         return None
 

@@ -186,9 +186,8 @@ class RecorderNode(ManagedNode):
             self.get_logger().info("paused" if is_paused else "resumed")
 
         async def split(_: Any, response: Any) -> Any:
-            writer.split()
             done = Future()
-            writer.flushed().add_done_callback(done.set_result)
+            writer.split().add_done_callback(done.set_result)
             await done
             return response
 
