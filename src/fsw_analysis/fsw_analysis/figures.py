@@ -292,9 +292,11 @@ def _restlessness(signals: WeldSignals) -> float:
 
 def _mark_events(axes: Sequence[Axes], runs: Sequence[Run]) -> None:
     """Mark the events of all runs: a sign on the upper edge of each axis and a thin line."""
-    found = [marks(run.signals) for run in runs]
+    marks_of_runs = [marks(run.signals) for run in runs]
     for kind, style in _MARKS.items():
-        times_s = sorted({round(time_s, 3) for one in found for time_s in one[kind]})
+        times_s = sorted(
+            {round(time_s, 3) for by_kind in marks_of_runs for time_s in by_kind[kind]}
+        )
         if not 0 < len(times_s) <= _MOST_MARKS:
             continue
         for axis in axes:
