@@ -176,7 +176,7 @@ def figures_of(bag: Path) -> _benchmark.Figures:
     """What came of a weld."""
     weld = load_weld(bag)
     with BagReader(bag) as reader:
-        lost = reader.info().custom_data["lost_messages"]
+        lost = reader.metadata.custom_data["lost_messages"]
     unanswered = ~np.isfinite(weld.force_kn)
     rows = [0, *(np.flatnonzero(np.diff(unanswered.astype(int))) + 1), unanswered.size]
     longest = max(

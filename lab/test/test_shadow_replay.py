@@ -66,7 +66,7 @@ def test_recorded_controller_proposes_again_what_it_proposed(
     assert own["differing"] == 0
     with BagReader(tmp_path / "shadow") as reader:
         info = reader.info()
-    assert info.problems == [] and info.custom_data["shadow_of"] == WELD.name
+    assert reader.problems == [] and reader.metadata.custom_data["shadow_of"] == WELD.name
     counts = {
         topic: info.counts[f"{space}/fsw/{topic}"]
         for topic in ("depth", "command", "decentral/proposal")

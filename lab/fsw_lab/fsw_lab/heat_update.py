@@ -29,13 +29,13 @@ _STRANGE = 2.0
 class Refusal(Worded):
     """Why a weld is not added."""
 
-    KNOWN = "known", "is in the profile already"
+    KNOWN = "is in the profile already"
     NO_RECORD = "no record", "has no record by which it is accepted: {detail}"
     OTHER_RECORD = "other record", "{detail} is the record of another weld"
     NOT_ACCEPTED = "not accepted", "its record does not accept it, but says {detail}"
-    IDENTITY = "identity", "is not of this type: {detail}"
-    PATH = "path", "is not of this type: its programme has another path, or none"
-    HEAT = "heat", "is not of this type: its heat lacks {detail}"
+    IDENTITY = "is not of this type: {detail}"
+    PATH = "is not of this type: its programme has another path, or none"
+    HEAT = "is not of this type: its heat lacks {detail}"
 
 
 class RefusedWeldError(InputError):

@@ -443,7 +443,7 @@ def test_bag_of_a_shadow_holds_what_the_controller_was_shown(
     write_shadow(shown, bag, space, tmp_path / "shadow")
     with BagReader(tmp_path / "shadow") as reader:
         info = reader.info()
-    assert info.problems == [] and info.custom_data["shadow_of"] == "bag"
+    assert reader.problems == [] and reader.metadata.custom_data["shadow_of"] == "bag"
     assert (
         info.counts[f"{space}/fsw/depth"] == info.counts[f"{space}/fsw/simple/proposal"] == ticks
     )

@@ -68,9 +68,9 @@ class NotJudged(Coded):
 class Judged(Worded):
     """What a finding is, for people."""
 
-    ALARM = "alarm", "{cause.words}"
-    ALARM_OR = "alarm_or", "{cause.words}; or, which cannot be distinguished: {others}"
-    SHOWN = "shown", "no alarm: {cause.words}"
+    ALARM = "{cause.words}"
+    ALARM_OR = "{cause.words}; or, which cannot be distinguished: {others}"
+    SHOWN = "no alarm: {cause.words}"
 
 
 #: causes by which a sensor's values mean nothing

@@ -40,11 +40,11 @@ _UNKNOWN = Command(nan, nan)
 class Watching(Worded):
     """State of the watch, and of a cause that was an alarm."""
 
-    NOTHING = "nothing", "nothing to watch: no measurements of a weld"
-    LEARNING = "learning", "learning the disturbances of this weld"
-    WATCHING = "watching", "watching"
-    SHOWN = "shown", "watching; {findings}"
-    OVER = "over", "no warning"
+    NOTHING = "nothing to watch: no measurements of a weld"
+    LEARNING = "learning the disturbances of this weld"
+    WATCHING = "watching"
+    SHOWN = "watching; {findings}"
+    OVER = "no warning"
 
 
 class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere

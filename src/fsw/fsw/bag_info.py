@@ -13,7 +13,7 @@ from fsw.console import ProgressBar, print_table
 from fsw.outputs import check_new, write_json
 from fsw_control.units import NANOSECONDS
 from fsw_recorder import recover as recovering
-from fsw_recorder.bag_reader import BagInfo, BagReader
+from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import WriterOptions
 from fsw_recorder.manifest import MANIFEST_NAME
 from fsw_recorder.topic import TopicSelection
@@ -32,53 +32,66 @@ _KIB = 1024
 def info(arguments: argparse.Namespace) -> int:
     check_new([arguments.json], arguments.force)
     ticks = TickCounter()
-    with BagReader(arguments.bag) as reader, ProgressBar(f"reading {arguments.bag}") as bar:
-        info = reader.info(bar, ticks.note)
-    _print(info, ticks)
-    write_json(arguments.json, _info_values(info, ticks))
+    with BagReader(arguments.bag) as reader:
+        with ProgressBar(f"reading {arguments.bag}") as bar:
+            reader.info(bar, ticks.note)
+        values = _info_values(reader, ticks)
+        _print(values, ticks)
+    write_json(arguments.json, values)
     return 0
 
 
-def _info_values(info: BagInfo, ticks: TickCounter) -> dict[str, Any]:
+def _info_values(reader: BagReader, ticks: TickCounter) -> dict[str, Any]:
     """Summary as plain values; times in ns or s, sizes in bytes."""
-    gaps, (first_ns, last_ns) = ticks.gaps(), ticks.span_ns()
-    kept = ("storage", "ros_distro", "files", "size_bytes", "start_ns", "end_ns", "duration_s")
+    info, gaps, (first_ns, last_ns) = reader.info(), ticks.gaps(), ticks.span_ns()
+    files = reader.storage_files()
     return {
-        **{name: getattr(info, name) for name in (*kept, "custom_data", "problems")},
-        "path": str(info.path),
+        "path": str(reader.path),
+        "storage": reader.storage,
+        "ros_distro": reader.metadata.ros_distro,
+        "files": [file.name for file in files],
+        "size_bytes": sum(file.stat().st_size for file in files),
+        "start_ns": info.start_ns,
+        "end_ns": info.end_ns,
+        "duration_s": info.duration_s,
+        "custom_data": dict(reader.metadata.custom_data),
+        "problems": list(reader.problems),
         "messages": info.message_count,
         "first_stamp_ns": first_ns,
         "last_stamp_ns": last_ns,
         "topics": [
             {
-                "name": topic.name,
+                "name": name,
                 "type": topic.type_name,
-                "count": info.counts.get(topic.name, 0),
+                "count": info.counts.get(name, 0),
                 "type_hash": topic.type_hash,
-                "ticks_missing": gaps[topic.name].missing if topic.name in gaps else None,
-                "ticks_before": gaps[topic.name].before if topic.name in gaps else None,
-                "ticks_after": gaps[topic.name].after if topic.name in gaps else None,
+                "ticks_missing": gaps[name].missing if name in gaps else None,
+                "ticks_before": gaps[name].before if name in gaps else None,
+                "ticks_after": gaps[name].after if name in gaps else None,
             }
-            for topic in info.topics
+            for name, topic in sorted(reader.topics().items())
         ],
-        "attachments": {file.name: len(file.data) for file in info.attachments},
+        "attachments": {file.name: len(file.data) for file in reader.attachments()},
     }
 
 
-def _print(info: BagInfo, ticks: TickCounter) -> None:
-    gaps, (first_ns, last_ns) = ticks.gaps(), ticks.span_ns()
+def _print(values: dict[str, Any], ticks: TickCounter) -> None:
+    gaps = ticks.gaps()
+    size = f"{values['size_bytes'] / _KIB:.1f} KiB"
     rows = [
-        ("Bag", str(info.path)),
-        ("Files", f"{', '.join(info.files)} ({info.size_bytes / _KIB:.1f} KiB, {info.storage})"),
+        ("Bag", values["path"]),
+        ("Files", f"{', '.join(values['files'])} ({size}, {values['storage']})"),
     ]
-    if info.message_count:
-        rows += [("Start", _when(info.start_ns)), ("End", _when(info.end_ns))]
-    rows += [("Duration", f"{info.duration_s:.3f} s"), ("Messages", str(info.message_count))]
+    if values["messages"]:
+        rows += [("Start", _when(values["start_ns"])), ("End", _when(values["end_ns"]))]
+    duration_s = values["duration_s"]
+    rows += [("Duration", f"{duration_s:.3f} s"), ("Messages", str(values["messages"]))]
     if gaps:  # the recorder's clock may have been set meanwhile, or time was simulated
-        rows.append(("Weld time", f"{(last_ns - first_ns) * 1e-9:.3f} s, according to the stamps"))
-    rows += [("Attachment", f"{file.name} ({len(file.data)} bytes)") for file in info.attachments]
-    rows += [("Custom data", f"{key}: {value}") for key, value in info.custom_data.items()]
-    rows += [("Problem", problem) for problem in info.problems]
+        weld_s = (values["last_stamp_ns"] - values["first_stamp_ns"]) * 1e-9
+        rows.append(("Weld time", f"{weld_s:.3f} s, according to the stamps"))
+    rows += [("Attachment", f"{name} ({n} bytes)") for name, n in values["attachments"].items()]
+    rows += [("Custom data", f"{key}: {value}") for key, value in values["custom_data"].items()]
+    rows += [("Problem", problem) for problem in values["problems"]]
     for name, gap in sorted(gaps.items()):
         if gap.missing:
             first = f"first of stamp {gap.first_ns * 1e-9:.3f} s"
@@ -91,10 +104,10 @@ def _print(info: BagInfo, ticks: TickCounter) -> None:
     print_table(rows)
     print()
     topics = []
-    for topic in info.topics:
-        count = info.counts.get(topic.name, 0)
-        rate = f"{(count - 1) / info.duration_s:.2f}" if count > 1 and info.duration_s else ""
-        topics.append((topic.name, topic.type_name, str(count), rate))
+    for topic in values["topics"]:
+        count = topic["count"]
+        rate = f"{(count - 1) / duration_s:.2f}" if count > 1 and duration_s else ""
+        topics.append((topic["name"], topic["type"], str(count), rate))
     print_table(topics, ("topic", "type", "messages", "rate [Hz]"), words=2)
 
 

@@ -100,7 +100,7 @@ def course_of(signals: WeldSignals) -> Course:
         *signals.time_s[inside].tolist(),
         *([end_s + TICK_S] if over else []),
     ]
-    known_s, fillers, gaps = signals.time_s[inside], [np.empty(0)], []
+    fillers, gaps = [signals.time_s[inside]], []
     for before, after in pairwise(stops):
         lacking = round((after - before) / TICK_S) - 1
         if lacking > 0:
@@ -108,16 +108,17 @@ def course_of(signals: WeldSignals) -> Course:
             fillers.append(
                 np.linspace(before + TICK_S, after - TICK_S, min(lacking, _MOST_IN_A_GAP))
             )
-    put_in = np.concatenate(fillers)
-    order = np.argsort(np.concatenate([known_s, put_in]), kind="stable")
+    time_s = np.concatenate(fillers)
+    order = np.argsort(time_s, kind="stable")
+    time_s, put_in = time_s[order], order >= np.count_nonzero(inside)
+    ticks = np.resize(np.flatnonzero(inside), order.size)[order]  # any where one is put in
 
     def numbers(values: FloatArray) -> FloatArray:
-        return np.concatenate([values[inside], np.full(put_in.size, np.nan)])[order]
+        return np.where(put_in, np.nan, values[ticks])
 
     def texts(values: TextArray) -> TextArray:
-        return np.concatenate([values[inside], np.full(put_in.size, "", object)])[order]
+        return np.where(put_in, "", values[ticks])
 
-    time_s = np.concatenate([known_s, put_in])[order]
     drives, unknown = signals.drives, np.full(signals.n_ticks, np.nan)
     force, speed = (unknown, unknown) if drives is None else (drives.force_kn, drives.speed_rpm)
     travel_mm, traverse = _travel(signals, end_s)
@@ -144,7 +145,7 @@ def course_of(signals: WeldSignals) -> Course:
         texts(signals.actual_mode),
         _held(signals, time_s),
         {name: numbers(value) for name, value in values.items()},
-        np.concatenate([np.zeros(known_s.size, bool), np.ones(put_in.size, bool)])[order],
+        put_in,
         gaps,
         over[-1].subject if over else "",
     )
@@ -330,18 +331,21 @@ def holds(course: Course, check: Check) -> npt.NDArray[np.bool_]:
 
 def longest_s(course: Course, check: Check) -> float:
     """Longest time outside a limit, including adjacent gaps of the recording."""
-    outside = ~(beyond(course.values[check.variable], check.min, check.max) == 0.0) & holds(
-        course, check
-    )
-    times = [_duration_s(course, run) for run in runs(outside) if not course.put_in[run].all()]
+    stretches = runs(_outside(course, check))
+    times = [_duration_s(course, run) for run in stretches if not course.put_in[run].all()]
     return max(times, default=0.0)
 
 
 def length_mm(course: Course, check: Check) -> float:
     """Length of the weld outside a limit, all places together: n samples are n ticks of travel."""
-    outside = ~(beyond(course.values[check.variable], check.min, check.max) == 0.0)
     steps = np.diff(course.travel_mm, prepend=course.travel_mm[:1])
-    return float(np.nansum(np.abs(steps[outside & holds(course, check) & ~course.put_in])))
+    return float(np.nansum(np.abs(steps[_outside(course, check) & ~course.put_in])))
+
+
+def _outside(course: Course, check: Check) -> npt.NDArray[np.bool_]:
+    """Ticks at which a check applies and its limits are not kept."""
+    excess = beyond(course.values[check.variable], check.min, check.max)
+    return ~(excess == 0.0) & holds(course, check)
 
 
 def _duration_s(course: Course, run: slice) -> float:
@@ -354,7 +358,7 @@ def _exceedances(course: Course, check: Check) -> list[Exceedance]:
     values = course.values[check.variable]
     excess = beyond(values, check.min, check.max)
     exceeded = []
-    for run in runs(~(excess == 0.0) & holds(course, check) & ~course.put_in):
+    for run in runs(_outside(course, check) & ~course.put_in):
         missing = ~np.isfinite(excess[run])
         worst = None if missing.all() else int(np.nanargmax(excess[run]))
         exceeded.append(

@@ -22,11 +22,11 @@ STATE: dict[str, Kind] = {
 #: missing in older bags: causes, the requesting operator, and whether another
 #: supervisor took over; and words, which they have instead
 STATE_ADDED: dict[str, Kind] = {
-    "cause": "number",
-    "who": "text",
     "leader": "text",
     "why": "texts",
     "reason": "text",
+    "cause": "number",
+    "who": "text",
 }
 PROGRESS: dict[str, Kind] = {
     "state": "text",
@@ -83,25 +83,13 @@ def of_programme_states(states: Iterable[tuple[float, str]]) -> Iterator[WeldEve
             yield WeldEvent(time_s, "weld", _STATES.get((before, state), state))
 
 
-def of_state(times_s: FloatArray, state: Table) -> Iterator[WeldEvent]:
-    """As :func:`of_states`, from a table of the supervisor's reports."""
-    names = (
-        "actual_controller",
-        "actual_mode",
-        "leader",
-        "interlocks",
-        "why",
-        "reason",
-        "cause",
-        "who",
-    )
-    yield from of_states(
-        (
-            time_s,
-            (*leads, map(_interlock, locks), Reason.of_messages(why).words or reason, cause, who),
-        )
-        for time_s, (*leads, locks, why, reason, cause, who) in _in_order(times_s, state, *names)
-    )
+def states(times_s: FloatArray, state: Table) -> Iterator[tuple[float, Any]]:
+    """The supervisor's reports as :func:`of_states` takes them."""
+    for time_s, (name, mode, locks, leader, why, words, cause, who) in _in_order(
+        times_s, state, *STATE, *STATE_ADDED
+    ):
+        reason = Reason.of_messages(why).words or words
+        yield time_s, (name, mode, leader, map(_interlock, locks), reason, cause, who)
 
 
 def of_states(states: Iterable[tuple[float, Any]]) -> Iterator[WeldEvent]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -25,29 +25,25 @@ def weld_table(signals: WeldSignals) -> dict[str, Column]:
     to the plant's truth with ``truth_``, to a controller with ``<controller>_proposal_`` or
     ``<controller>_status_``.
     """
-    groups: list[tuple[str, Any]] = [
-        ("", signals),
-        ("drives_", signals.drives),
-        ("truth_", signals.truth),
-    ]
-    groups += [(f"{name}_proposal_", proposal) for name, proposal in signals.proposals.items()]
-    groups += [(f"{name}_status_", status) for name, status in signals.statuses.items()]
-    table: dict[str, Column] = {}
-    for prefix, group in groups:
-        values = (
-            {field.name: getattr(group, field.name) for field in fields(group)}
-            if group is not None
-            else {}
-        )
-        table |= {
-            prefix + name: value for name, value in values.items() if isinstance(value, np.ndarray)
-        }
-        table |= values.get("optional", {})
-        table |= {
-            f"{prefix}disturbance {name}": value
-            for name, value in values.get("disturbances", {}).items()
-        }
-    return table
+    groups: dict[str, Any] = {"": signals, "drives_": signals.drives, "truth_": signals.truth}
+    groups |= {f"{name}_proposal_": group for name, group in signals.proposals.items()}
+    groups |= {f"{name}_status_": group for name, group in signals.statuses.items()}
+    return dict(
+        column
+        for prefix, group in groups.items()
+        if group is not None
+        for column in _columns(prefix, group)
+    )
+
+
+def _columns(prefix: str, group: Any) -> Iterator[tuple[str, Column]]:
+    values = {item.name: getattr(group, item.name) for item in fields(group)}
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            yield prefix + name, value
+    yield from values.get("optional", {}).items()
+    for name, value in values.get("disturbances", {}).items():
+        yield f"{prefix}disturbance {name}", value
 
 
 def export_weld(signals: WeldSignals, target: Path) -> int:

@@ -133,17 +133,19 @@ _OUTPUTS = (_DEPTH, _DEPTH_ERROR, _TEMPERATURE, _TEMPERATURE_ERROR)
 _INPUTS = (_FORCE, _SPEED, _POWER)
 #: as the paper draws open-loop experiments: the response above, force and speed below
 _OPEN_LOOP = (_FREE_DEPTH, _TORQUE, _POWER, _FREE_TEMPERATURE, _FORCE, _SPEED)
-_FIGURES: dict[int, tuple[str, tuple[_Panel, ...]]] = {
-    4: ("Fig. 4: axial force steps, open loop", _OPEN_LOOP),
-    5: ("Fig. 5: axial force and spindle speed steps, open loop", _OPEN_LOOP),
-    6: ("Fig. 6: reference tracking, controlled outputs", _OUTPUTS),
-    7: ("Fig. 7: reference tracking, manipulated variables", _INPUTS),
-    8: ("Fig. 8: output disturbances, controlled outputs", _OUTPUTS),
-    9: ("Fig. 9: output disturbances, manipulated variables", _INPUTS),
+_OVERVIEW = (_DEPTH, _TEMPERATURE, _FORCE, _SPEED, _TORQUE, _POWER)
+#: title, panels and columns of each page by the number of its figure; None: the overview
+_FIGURES: dict[int | None, tuple[str, tuple[_Panel, ...], int]] = {
+    4: ("Fig. 4: axial force steps, open loop", _OPEN_LOOP, 1),
+    5: ("Fig. 5: axial force and spindle speed steps, open loop", _OPEN_LOOP, 1),
+    6: ("Fig. 6: reference tracking, controlled outputs", _OUTPUTS, 1),
+    7: ("Fig. 7: reference tracking, manipulated variables", _INPUTS, 1),
+    8: ("Fig. 8: output disturbances, controlled outputs", _OUTPUTS, 1),
+    9: ("Fig. 9: output disturbances, manipulated variables", _INPUTS, 1),
+    None: ("Overview", _OVERVIEW, 2),
 }
 #: numbers of the paper's figures that `page` draws
-PAPER_FIGURES = tuple(_FIGURES)
-_OVERVIEW = (_DEPTH, _TEMPERATURE, _FORCE, _SPEED, _TORQUE, _POWER)
+PAPER_FIGURES = tuple(filter(None, _FIGURES))
 _WHOLE_WELD = (
     _DEPTH,
     _TEMPERATURE,
@@ -166,21 +168,19 @@ def draw(
     the scenario, goes into the titles and before the files' names; ``ending``: png, svg or pdf.
     """
     prefix, suffix = (f"{name}_", f" ({name})") if name else ("", "")
-    pages = [(f"{prefix}fig{number}.{ending}", *_FIGURES[number], 1) for number in numbers]
-    pages.append((f"{prefix}overview.{ending}", "Overview", _OVERVIEW, 2))
-    paths: list[Path] = []
-    for file, title, panels, columns in pages:
-        _draw_page(runs, title + suffix, panels, columns, folder / file)
-        paths.append(folder / file)
-    return paths
+    stems = {number: f"fig{number}" for number in numbers} | {None: "overview"}
+    paths = {number: folder / f"{prefix}{stem}.{ending}" for number, stem in stems.items()}
+    for number, path in paths.items():
+        page(runs, number, _FIGURES[number][0] + suffix, path)
+    return [*paths.values()]
 
 
 def page(
     runs: Sequence[Run], number: int | None = None, title: str = "", path: Path | None = None
 ) -> Figure:
     """A figure of the paper (4 to 9) or an overview, shown or in a file; see :func:`draw`."""
-    name, panels = ("Overview", _OVERVIEW) if number is None else _FIGURES[number]
-    return _draw_page(runs, title or name, panels, 2 if number is None else 1, path)
+    name, panels, columns = _FIGURES[number]
+    return _draw_page(runs, title or name, panels, columns, path)
 
 
 def draw_whole_weld(runs: Sequence[Run], phases: Sequence[Span], title: str, path: Path) -> None:
@@ -221,32 +221,34 @@ def _draw_page(
 
 def _draw_panel(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
     shown: list[FloatArray] = []
-    reference = getattr(runs[0].signals, panel.reference) if panel.reference else np.empty(0)
+    first = runs[0].signals
+    reference = getattr(first, panel.reference) if panel.reference else np.empty(0)
     if np.isfinite(reference).any():
-        time_s = runs[0].signals.time_s
-        axis.step(time_s, reference, where="post", label="reference", **_REFERENCE)
+        axis.step(first.time_s, reference, where="post", label="reference", **_REFERENCE)
         shown.append(reference)
-    curves: list[FloatArray] = []
-    for label, values in _others(runs[0].signals, panel).items() if len(runs) == 1 else ():
-        axis.plot(runs[0].signals.time_s, values, alpha=0.7, linewidth=0.7, label=label)
-        shown.append(values)
-    for run, look in zip(runs, _looks(runs), strict=True):
-        true, sensed = (
-            _values(run.signals, panel),
-            getattr(run.signals, panel.sensor) if panel.sensor else None,
-        )
-        if sensed is not None and true is not None and len(runs) == 1:
-            pale: dict[str, Any] = {"alpha": 0.35, "linewidth": 0.7, "label": "sensor"}
-            axis.plot(run.signals.time_s, sensed, color=look.colour, **pale)
+    pale: dict[str, Any] = {"linewidth": 0.7}
+    if len(runs) == 1:
+        for label, values in _others(first, panel).items():
+            axis.plot(first.time_s, values, alpha=0.7, label=label, **pale)
+            shown.append(values)
+        sensed = _sensed(first, panel)
+        if sensed is not None and _values(first, panel) is not None:
+            pale |= {"alpha": 0.35, "label": "sensor", "color": _looks(runs)[0].colour}
+            axis.plot(first.time_s, sensed, **pale)
             shown.append(sensed)
-        curves.append(
-            np.full(run.signals.n_ticks, np.nan)
-            if (known := sensed if true is None else true) is None
-            else known
-        )
+    curves = [_curve(run.signals, panel) for run in runs]
     _draw_curves(axis, panel, runs, curves)
-    shown += curves
-    _scale(axis, panel, shown)
+    _scale(axis, panel, shown + curves)
+
+
+def _sensed(signals: WeldSignals, panel: _Panel) -> FloatArray | None:
+    return getattr(signals, panel.sensor) if panel.sensor else None
+
+
+def _curve(signals: WeldSignals, panel: _Panel) -> FloatArray:
+    """True values if the bag has them, else the sensor's; NaN without either."""
+    known = (_values(signals, panel), _sensed(signals, panel))
+    return next((c for c in known if c is not None), np.full(signals.n_ticks, np.nan))
 
 
 def _others(signals: WeldSignals, panel: _Panel) -> dict[str, FloatArray]:
@@ -290,9 +292,11 @@ def _restlessness(signals: WeldSignals) -> float:
 
 def _mark_events(axes: Sequence[Axes], runs: Sequence[Run]) -> None:
     """Mark the events of all runs: a sign on the upper edge of each axis and a thin line."""
-    found = [marks(run.signals) for run in runs]
+    marks_of_runs = [marks(run.signals) for run in runs]
     for kind, style in _MARKS.items():
-        times_s = sorted({round(time_s, 3) for one in found for time_s in one[kind]})
+        times_s = sorted(
+            {round(time_s, 3) for by_kind in marks_of_runs for time_s in by_kind[kind]}
+        )
         if not 0 < len(times_s) <= _MOST_MARKS:
             continue
         for axis in axes:
@@ -356,11 +360,10 @@ def _line(axis: Axes, panel: _Panel, time_s: FloatArray, values: FloatArray, **s
 
 def _draw_error(axis: Axes, panel: _Panel, runs: Sequence[Run]) -> None:
     band, span, factor = panel.error or (0.0, 1.0, 1.0)
-    curves = []
-    for run in runs:
-        values = _values(run.signals, panel)
-        values = getattr(run.signals, panel.sensor) if values is None else values
-        curves.append(factor * (values - getattr(run.signals, panel.reference)))
+    curves = [
+        factor * (_curve(run.signals, panel) - getattr(run.signals, panel.reference))
+        for run in runs
+    ]
     _draw_curves(axis, panel, runs, curves)
     axis.axhspan(
         -factor * band, factor * band, color="black", alpha=0.15, linewidth=0.0, label=_DEAD_BANDS

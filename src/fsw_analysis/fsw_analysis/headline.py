@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from fsw_analysis.judgement import Account
-from fsw_analysis.rules import FactCode, Rule, Verdict
-from fsw_control.sensors import SENSORS
+from fsw_analysis.rules import VARIABLES, Verdict
 from fsw_control.weld import TICK_S
 
 Level = Literal["good", "medium", "high"]
@@ -15,50 +14,6 @@ _LEVELS: dict[Verdict, Level] = {
     Verdict.REVIEW: "medium",
     Verdict.REJECT: "high",
 }
-VARIABLES = {
-    **{row.signal: row.label.lower() for row in SENSORS.values()},
-    "force_kn": "force",
-    "speed_rpm": "speed",
-    "power_kw": "power",
-    "traverse_mm_per_min": "traverse speed",
-    "depth_error_mm": "depth error",
-    "temperature_error_c": "temperature error",
-    "set_point_depth_mm": "set-point of the depth",
-    "set_point_temperature_c": "set-point of the temperature",
-}
-#: by name of the rule that decides
-_TITLES = {
-    "all": "Good",
-    "complete": "Programme not completed",
-    "recording": "Record incomplete",
-    "essential": "{subject} beyond an essential limit",
-    "quality": "{subject} outside its quality limit",
-    "set-point": "{subject} outside the permitted range",
-    "missing": "{subject} not on record throughout",
-    "procedure": "Welded by another procedure",
-    "sensor": "Sensor {subject} not usable throughout",
-    "controller": "Commands from a source that is not permitted",
-    "tuning": "Controller {subject} with another tuning",
-    "tool": "Another tool than specified",
-    "tool_life": "Tool beyond its life",
-    "machine": "Another machine than specified",
-    "hold": "Programme held too long",
-    "swaps": "Controller changed",
-    "mode": "Not in automatic control throughout",
-    "interlocks": "Interlock tripped",
-}
-
-#: rules of which a missing sample breaks one, too
-_LIMITS = ("essential", "quality", "set-point")
-
-
-def title(rule: Rule) -> str:
-    """The deciding rule, in a few words."""
-    codes = {fact.code for fact in rule.facts}
-    lacks = FactCode.MISSING in codes and FactCode.BEYOND not in codes and rule.name in _LIMITS
-    words = _TITLES["missing" if lacks else rule.name]
-    words = words.format(subject=VARIABLES.get(rule.subject, rule.subject))
-    return words[:1].upper() + words[1:]
 
 
 def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
@@ -84,7 +39,7 @@ def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
         "verdict": str(rule.verdict),
         "level": _LEVELS[rule.verdict],
         "rule": rule.name,
-        "text": title(rule),
+        "text": rule.title,
         "detail": "every limit is kept" if good else f"{rule.words}: {rule.figure}",
         "marks": marks,
     }

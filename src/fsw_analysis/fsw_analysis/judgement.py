@@ -60,8 +60,6 @@ _NOT_ON_RECORD = Fact.of(FactCode.NOT_ON_RECORD)
 class Evidence(Model):
     """Inputs of the rules beside the course."""
 
-    problems: tuple[str, ...]
-    """of the bag"""
     lost: int | None = None
     """messages that the recorder reported as lost; none where it reported nothing"""
     has_states: bool
@@ -72,8 +70,6 @@ class Evidence(Model):
     """hash of the parameters by controller"""
     unusable: dict[str, dict[str, int]]
     """samples that are not used, by sensor and reason"""
-    custom: dict[str, str]
-    """custom data of the recorder"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,12 +124,12 @@ def judge(
     procedure = book if isinstance(book, Procedure) else None
     rules = [
         _complete(course, procedure, running),
-        _recording(course, book, evidence),
+        _recording(course, book, evidence, signals.problems),
         *_limits(course, book, exceeded),
         *_welded_by(procedure, signals),
         *_sensors(course, book, evidence),
         *_controllers(course, procedure, evidence),
-        *_equipment(course, procedure, evidence),
+        *_equipment(course, procedure, signals.custom),
         _held(course, book),
         _swaps(book, signals.events, evidence),
         _modes(course, evidence),
@@ -150,13 +146,11 @@ def _evidence(
     lost = signals.custom.get("lost_messages", "")
     start_ns = int(signals.stamp_ns[0])
     return Evidence(
-        problems=tuple(signals.problems),
         lost=int(lost) if lost.isdecimal() else None if recorded else 0,
         has_states=bool(signals.counts.get("/fsw/supervisor/state")) or not recorded,
         stamp_ns=None if start_ns < SIMULATED_NS else start_ns,
         parameters=_parameters(signals, book),
         unusable={sensor: dict(reasons) for sensor, reasons in unusable.items() if reasons},
-        custom=signals.custom,
     )
 
 
@@ -211,15 +205,9 @@ def _limits(course: Course, book: RuleBook, exceeded: Sequence[Exceedance]) -> I
             check.kind == "set_point" and own
         ):
             verdict = Verdict.REVIEW
-        name = check.kind.replace("_", "-")
-        facts = _extent(own, longest, share, outside_mm)
-        yield Rule(
-            name=name,
-            subject=check.variable,
-            data=check.model_dump(mode="json", exclude={"kind"}, exclude_none=True),
-            facts=tuple(facts),
-            verdict=verdict,
-        )
+        name, facts = check.kind.replace("_", "-"), [*_extent(own, longest, share, outside_mm)]
+        data = check.model_dump(mode="json", exclude={"kind"}, exclude_none=True)
+        yield _rule(name, facts, True, verdict, check.variable, data)
 
 
 def _exceeds(value: float, most: float | None) -> bool:
@@ -309,9 +297,11 @@ def _phases(course: Course, procedure: Procedure) -> Iterator[Fact]:
                 yield Fact.of(FactCode.LASTS, phase=phase.name, **lasts)
 
 
-def _recording(course: Course, book: RuleBook, evidence: Evidence) -> Rule:
+def _recording(
+    course: Course, book: RuleBook, evidence: Evidence, problems: Sequence[str]
+) -> Rule:
     """Over a gap nothing is shown to be inside: one that is longer than an essential limit may be left rejects."""
-    faults = [Fact.of(FactCode.PROBLEM, problem=problem) for problem in evidence.problems]
+    faults = [Fact.of(FactCode.PROBLEM, problem=problem) for problem in problems]
     if evidence.lost is None:
         faults.append(Fact.of(FactCode.LOST_UNKNOWN))
     elif evidence.lost:
@@ -372,11 +362,13 @@ def _controllers(
             yield _rule("tuning", facts, actual != value, subject=name, data={"sha256": value})
 
 
-def _equipment(course: Course, procedure: Procedure | None, evidence: Evidence) -> Iterator[Rule]:
+def _equipment(
+    course: Course, procedure: Procedure | None, custom: Mapping[str, str]
+) -> Iterator[Rule]:
     """Tool and machine, as far as the procedure names them."""
     if procedure is None:
         return
-    tool, machine, custom = procedure.tool, procedure.machine, evidence.custom
+    tool, machine = procedure.tool, procedure.machine
     if tool.id is not None:
         actual = custom.get("tool")
         facts = [Fact.of(FactCode.NAME, name=actual) if actual else _NOT_ON_RECORD]

@@ -46,14 +46,9 @@ ROWS: dict[str, tuple[str, str, float]] = {
 
 
 def _cells(runs: Sequence[dict[str, Any]]) -> list[list[str]]:
-    cells = [
-        [
-            "",
-            "unit",
-            *(str(run["label"]) for run in runs),
-            *(["difference"] if len(runs) == 2 else []),
-        ]
-    ]
+    cells = [["", "unit", *(str(run["label"]) for run in runs)]]
+    if len(runs) == 2:
+        cells[0].append("difference")
     for key, (meaning, unit, factor) in ROWS.items():
         values = [run.get(key) for run in runs]
         if all(value is None for value in values):

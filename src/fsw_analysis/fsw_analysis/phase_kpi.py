@@ -107,29 +107,15 @@ def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
     alike = len({tuple(row.phase for row in run) for run in runs}) == 1
     for row in chain(*(zip(*runs, strict=True) if alike else runs)):
         power = "-" if row.power_kw is None else f"{row.power_kw:.1f}"
-        cells.append(
-            (
-                row.phase,
-                row.run,
-                _words(row.temperature_c, 1.0, 2),
-                _words(row.depth_mm, 1e3, 1),
-                power,
-            )
-        )
+        errors = _words(row.temperature_c, 1.0, 2), _words(row.depth_mm, 1e3, 1)
+        cells.append((row.phase, row.run, *errors, power))
         in_force = (row.in_force_temperature_c, row.in_force_depth_mm)
         if in_force != (row.temperature_c, row.depth_mm):
             errors = _words(in_force[0], 1.0, 2), _words(in_force[1], 1e3, 1)
             cells.append(("", "against the set-points in force", *errors, ""))
     for name, (cycles, error) in PUBLISHED.items():
-        cells.append(
-            (
-                f"published, {cycles} real weld{'s'[: cycles > 1]}",
-                name,
-                _words(error, 1.0, 1),
-                "-",
-                "-",
-            )
-        )
+        welds = f"published, {cycles} real weld{'s'[: cycles > 1]}"
+        cells.append((welds, name, _words(error, 1.0, 1), "-", "-"))
     return f"Errors against the programme: mean, σ, min, max.\n\n{table(cells, words=4, padded=True)}\n"
 
 

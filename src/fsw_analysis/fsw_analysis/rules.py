@@ -11,6 +11,7 @@ from pydantic import Field, Strict
 from fsw_analysis.rule_book import SWAPS, Bounds
 from fsw_control.coded import Worded
 from fsw_control.schema.models import Many, Model
+from fsw_control.sensors import SENSORS
 
 
 class Verdict(StrEnum):
@@ -30,101 +31,118 @@ _ABSENT = "({topic} is not in the bag)"
 class FactCode(Worded):
     """Findings of the rules, unknowns, and integrity of the bag."""
 
-    NOT_ON_RECORD = "not_on_record", "not on record"
-    RULES = "rules", "{count} rules"
+    NOT_ON_RECORD = "not on record"
+    RULES = "{count} rules"
     # complete
-    ENDED = "ended", "the weld was {state}"
-    NO_END = "no_end", "the end of the weld is not on record"
-    NO_PHASE = (
-        "no_phase",
-        "no phase of the procedure took place; phases on record: {phases}",
-    )
-    PHASES = "phases", "phases on record: {phases}"
-    ANGLE_UNKNOWN = "angle_unknown", "{phase}: angle not on record"
-    BEGINS = "begins", "{phase} begins at {angle_deg:.1f} instead of {from_deg:g} deg"
-    REACHES = "reaches", "{phase} reaches {angle_deg:.1f} of {to_deg:g} deg"
-    LASTS = "lasts", "{phase} lasts {time_s:.1f} of {duration_s:g} s"
+    ENDED = "the weld was {state}"
+    NO_END = "the end of the weld is not on record"
+    NO_PHASE = "no phase of the procedure took place; phases on record: {phases}"
+    PHASES = "phases on record: {phases}"
+    ANGLE_UNKNOWN = "{phase}: angle not on record"
+    BEGINS = "{phase} begins at {angle_deg:.1f} instead of {from_deg:g} deg"
+    REACHES = "{phase} reaches {angle_deg:.1f} of {to_deg:g} deg"
+    LASTS = "{phase} lasts {time_s:.1f} of {duration_s:g} s"
     # recording
-    PROBLEM = "problem", "{problem}"
-    LOST_UNKNOWN = "lost_unknown", "whether messages were lost is not on record"
-    LOST = "lost", "{count} messages lost"
-    GAPS = "gaps", "{count} gaps, longest {longest_s:.1f} s"
+    PROBLEM = "{problem}"
+    LOST_UNKNOWN = "whether messages were lost is not on record"
+    LOST = "{count} messages lost"
+    GAPS = "{count} gaps, longest {longest_s:.1f} s"
     # limits
-    OUTSIDE = "outside", "{often}, {time_s:.1f} s, {share:.2%}, longest {longest_s:.1f} s"
-    LENGTH = "length", "over {length_mm:.1f} mm"
-    BEYOND = "beyond", "by up to {beyond:.4g}"
-    MISSING = "missing", "{count} samples missing"
+    OUTSIDE = "{often}, {time_s:.1f} s, {share:.2%}, longest {longest_s:.1f} s"
+    LENGTH = "over {length_mm:.1f} mm"
+    BEYOND = "by up to {beyond:.4g}"
+    MISSING = "{count} samples missing"
     # equipment
-    WELDED_BY = "welded_by", "{procedure} revision {revision}, SHA-256 {sha256:.12}…"
-    UNUSABLE = "unusable", "{count} {flaw}"
-    DAY_UNKNOWN = "day_unknown", "the day of the weld is not known (simulated time)"
-    WELDED_ON = "welded_on", "welded on {day}"
-    COMMANDED = "commanded", "{controller} {time_s:.1f} s"
-    NO_COMMAND = "no_command", "not on record {time_s:.1f} s"
-    TUNING = "tuning", "{sha256:.12}…"
-    NAME = "name", "{name}"
-    USED = "used", "{used_mm:.0f} mm with this weld"
-    USE_UNKNOWN = "use_unknown", "use before this weld is not on record"
+    WELDED_BY = "{procedure} revision {revision}, SHA-256 {sha256:.12}…"
+    UNUSABLE = "{count} {flaw}"
+    DAY_UNKNOWN = "the day of the weld is not known (simulated time)"
+    WELDED_ON = "welded on {day}"
+    COMMANDED = "{controller} {time_s:.1f} s"
+    NO_COMMAND = "not on record {time_s:.1f} s"
+    TUNING = "{sha256:.12}…"
+    NAME = "{name}"
+    USED = "{used_mm:.0f} mm with this weld"
+    USE_UNKNOWN = "use before this weld is not on record"
     # course of the weld
-    HELD = "held", "{often}, {time_s:.1f} s"
-    SWAPS = "swaps", "{count} swaps, {unwanted} not on request"
-    CAUSE_UNKNOWN = "cause_unknown", "{count} of a cause that is not on record"
-    IN_MODE = "in_mode", "{mode} {time_s:.1f} s"
-    MODE_UNKNOWN = "mode_unknown", "not on record at {ticks} ticks"
-    TRIPPED = "tripped", "interlock {interlock}, {state}"
+    HELD = "{often}, {time_s:.1f} s"
+    SWAPS = "{count} swaps, {unwanted} not on request"
+    CAUSE_UNKNOWN = "{count} of a cause that is not on record"
+    IN_MODE = "{mode} {time_s:.1f} s"
+    MODE_UNKNOWN = "not on record at {ticks} ticks"
+    TRIPPED = "interlock {interlock}, {state}"
     # unknowns of a weld
-    NO_STATES = "no_states", f"swaps, modes and interlocks {_ABSENT}"
-    NO_PROGRESS = "no_progress", f"phases, angles and positions along the weld {_ABSENT}"
-    NO_DRIVES = "no_drives", f"force and speed as the drives measure them {_ABSENT}"
-    NO_MONITOR = "no_monitor", f"what a monitor would have found: none was recorded {_ABSENT}"
-    NO_ALARMS = (
-        "no_alarms",
-        f"whether there were alarms: the operator's page, which reports them, was not recorded {_ABSENT}",
-    )
-    DAMAGE = "damage", "{problem}: what was there is not known"
+    NO_STATES = f"swaps, modes and interlocks {_ABSENT}"
+    NO_PROGRESS = f"phases, angles and positions along the weld {_ABSENT}"
+    NO_DRIVES = f"force and speed as the drives measure them {_ABSENT}"
+    NO_MONITOR = f"what a monitor would have found: none was recorded {_ABSENT}"
+    NO_ALARMS = f"whether there were alarms: the operator's page, which reports them, was not recorded {_ABSENT}"
+    DAMAGE = "{problem}: what was there is not known"
     MACHINE_NOT_COMPARED = (
-        "machine_not_compared",
-        "whether it was the machine of the procedure, {id}: none was given to the recorder",
+        "whether it was the machine of the procedure, {id}: none was given to the recorder"
     )
-    NOT_GIVEN = "not_given", "{keys}: not given to the recorder (parameter custom_data)"
-    NO_VERSIONS = "no_versions", "software versions (versions.json is not in the bag)"
+    NOT_GIVEN = "{keys}: not given to the recorder (parameter custom_data)"
+    NO_VERSIONS = "software versions (versions.json is not in the bag)"
     NO_PROCEDURE = (
-        "no_procedure",
-        "by which procedure the weld ran (none is attached to the bag, nor reported by {node})",
+        "by which procedure the weld ran (none is attached to the bag, nor reported by {node})"
     )
     # integrity of the bag
-    UNPROVEN = "unproven", "no {file}: whether the files are what was recorded is not known"
-    NOT_AS_LISTED = "not_as_listed", "not as {file} has it: {problem}"
-    AS_LISTED = "as_listed", "{count} files as {file} has them"
-    LISTED_LATER = "listed_later", "{count} files as {file} has them, hashed after the recording"
-    SIGNATURE_UNCHECKED = (
-        "signature_unchecked",
-        "the signature of {file} cannot be checked: {problem}",
-    )
-    SIGNATURE_INVALID = "signature_invalid", "the signature of {file} is not valid: {problem}"
-    SIGNED = "signed", "{file} signed by {signer}"
-    UNSIGNED = "unsigned", "{file} is not signed"
+    UNPROVEN = "no {file}: whether the files are what was recorded is not known"
+    NOT_AS_LISTED = "not as {file} has it: {problem}"
+    AS_LISTED = "{count} files as {file} has them"
+    LISTED_LATER = "{count} files as {file} has them, hashed after the recording"
+    SIGNATURE_UNCHECKED = "the signature of {file} cannot be checked: {problem}"
+    SIGNATURE_INVALID = "the signature of {file} is not valid: {problem}"
+    SIGNED = "{file} signed by {signer}"
+    UNSIGNED = "{file} is not signed"
 
 
-#: by name of a rule, its requirement, and the text without findings
+#: by name of a rule: title where it decides, requirement, and figure without findings
 _WORDS = {
-    "all": ("every rule is kept", ""),
-    "complete": ("{programme}", "all"),
-    "recording": ("bag intact, without gaps", "intact"),
-    "procedure": ("welded by {procedure} revision {revision}, SHA-256 {sha256:.12}…", ""),
-    "sensor": ("{subject} on record and usable{due}", "yes"),
-    "controller": ("commands of {controllers} only", ""),
-    "tuning": ("{subject}: parameters {sha256:.12}…", ""),
-    "tool": ("tool {id}", ""),
-    "machine": ("{id}", ""),
-    "tool_life": ("tool used for at most {life_mm:g} mm", ""),
-    "hold": ("programme held for at most {limit_s:g} s", "never"),
-    "swaps": ("{permitted}", ""),
-    "mode": ("auto throughout", "yes"),
-    "interlocks": ("no trip", "none"),
-    "essential": ("{limit}", "always inside"),
-    "quality": ("{limit}", "always inside"),
-    "set-point": ("{limit}", "always inside"),
+    "all": ("good", "every rule is kept", ""),
+    "complete": ("programme not completed", "{programme}", "all"),
+    "recording": ("record incomplete", "bag intact, without gaps", "intact"),
+    "procedure": (
+        "welded by another procedure",
+        "welded by {procedure} revision {revision}, SHA-256 {sha256:.12}…",
+        "",
+    ),
+    "sensor": (
+        "sensor {subject} not usable throughout",
+        "{subject} on record and usable{due}",
+        "yes",
+    ),
+    "controller": (
+        "commands from a source that is not permitted",
+        "commands of {controllers} only",
+        "",
+    ),
+    "tuning": (
+        "controller {subject} with another tuning",
+        "{subject}: parameters {sha256:.12}…",
+        "",
+    ),
+    "tool": ("another tool than specified", "tool {id}", ""),
+    "machine": ("another machine than specified", "{id}", ""),
+    "tool_life": ("tool beyond its life", "tool used for at most {life_mm:g} mm", ""),
+    "hold": ("programme held too long", "programme held for at most {limit_s:g} s", "never"),
+    "swaps": ("controller changed", "{permitted}", ""),
+    "mode": ("not in automatic control throughout", "auto throughout", "yes"),
+    "interlocks": ("interlock tripped", "no trip", "none"),
+    "essential": ("{variable} beyond an essential limit", "{limit}", "always inside"),
+    "quality": ("{variable} outside its quality limit", "{limit}", "always inside"),
+    "set-point": ("{variable} outside the permitted range", "{limit}", "always inside"),
+}
+_NOT_THROUGHOUT = "{variable} not on record throughout"
+VARIABLES = {
+    **{row.signal: row.label.lower() for row in SENSORS.values()},
+    "force_kn": "force",
+    "speed_rpm": "speed",
+    "power_kw": "power",
+    "traverse_mm_per_min": "traverse speed",
+    "depth_error_mm": "depth error",
+    "temperature_error_c": "temperature error",
+    "set_point_depth_mm": "set-point of the depth",
+    "set_point_temperature_c": "set-point of the temperature",
 }
 
 
@@ -158,15 +176,25 @@ class Rule(Model):
     verdict: Annotated[Verdict, Strict(False)]
 
     @property
+    def title(self) -> str:
+        """The rule that decides, in a few words."""
+        codes = {fact.code for fact in self.facts}
+        lacks = FactCode.MISSING in codes and FactCode.BEYOND not in codes
+        words = _NOT_THROUGHOUT if lacks and "variable" in self.data else _WORDS[self.name][0]
+        variable = VARIABLES.get(self.subject, "")
+        text = words.format(subject=self.subject, variable=variable)
+        return text[:1].upper() + text[1:]
+
+    @property
     def words(self) -> str:
         """The requirement, in words."""
         data = _plain(self.data) | _derived(self.name, self.data)
-        return _WORDS[self.name][0].format_map(data | {"subject": self.subject})
+        return _WORDS[self.name][1].format_map(data | {"subject": self.subject})
 
     @property
     def figure(self) -> str:
         """The findings, in words."""
-        return "; ".join(fact.words for fact in self.facts) or _WORDS[self.name][1]
+        return "; ".join(fact.words for fact in self.facts) or _WORDS[self.name][2]
 
 
 def decide(rules: Sequence[Rule]) -> Rule:

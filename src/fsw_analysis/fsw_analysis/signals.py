@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -102,14 +102,14 @@ class _Ticks:
             values if kind == "text" else np.array([",".join(value) for value in values], object),
         )
 
-    def group(self, kind: type[Group], table: Table) -> Group:
+    def group(self, kind: type[Group], table: Table, **more: Any) -> Group:
         """A group of signals from the fields of messages that its columns name."""
         values: dict[str, Any] = {
             item.name: self.signal(table, **item.metadata)
             for item in fields(kind)
             if item.metadata
         }
-        return kind(**values)
+        return kind(**values, **more)
 
     def times_s(self, table: Table) -> FloatArray:
         """When messages hold: from their stamp on, and from their receipt where it is 0 or of another clock."""
@@ -182,8 +182,14 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         command_latency_s=applied.latency_s,
         actual_controller=ticks.held(state, "actual_controller"),
         actual_mode=ticks.held(state, "actual_mode"),
-        proposals=_proposals(messages, ticks),
-        statuses=_statuses(messages, ticks),
+        proposals={
+            name: ticks.group(ProposalSignals, table)
+            for name, table in _by_controller(messages, "proposal", _wanted(ProposalSignals))
+        },
+        statuses={
+            name: ticks.group(StatusSignals, table, disturbances=_disturbances(ticks, table))
+            for name, table in _by_controller(messages, "status", _STATUS)
+        },
         fused=_fused(ticks, depth),
         footprint_bias_mm=taken_off_mm if footprints else 0.0,
         footprints_sha256=footprints,
@@ -194,7 +200,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
         counts={name: len(raw) for name, raw in messages.raw.items()},
         namespace=messages.namespace,
         problems=messages.problems,
-        events=list(events.of_state(ticks.times_s(state), state)),
+        events=list(events.of_states(events.states(ticks.times_s(state), state))),
     )
     _add_course(signals, messages, ticks)
     return signals
@@ -283,27 +289,13 @@ def _references(messages: WeldMessages, ticks: _Ticks) -> tuple[FloatArray, Floa
     return depth_mm[rows], temperature_c[rows]  # -1, before the first, is the last entry
 
 
-def _proposals(messages: WeldMessages, ticks: _Ticks) -> dict[str, ProposalSignals]:
-    columns = _wanted(ProposalSignals)
-    tables = {
-        name: messages.table(topic, columns, FIELDS)
-        for name, topic in messages.controllers("proposal").items()
-    }
-    return {name: ticks.group(ProposalSignals, table) for name, table in tables.items() if table}
-
-
-def _statuses(messages: WeldMessages, ticks: _Ticks) -> dict[str, StatusSignals]:
-    columns: dict[str, Kind] = {
-        **_wanted(StatusSignals),
-        "disturbance_names": "texts",
-        "disturbances": "numbers",
-    }
-    statuses: dict[str, StatusSignals] = {}
-    for name, topic in messages.controllers("status").items():
+def _by_controller(
+    messages: WeldMessages, what: str, columns: dict[str, Kind]
+) -> Iterator[tuple[str, Table]]:
+    """Controllers with their messages of one kind (``proposal`` or ``status``)."""
+    for name, topic in messages.controllers(what).items():
         if table := messages.table(topic, columns, FIELDS):
-            statuses[name] = ticks.group(StatusSignals, table)
-            statuses[name].disturbances = _disturbances(ticks, table)
-    return statuses
+            yield name, table
 
 
 def _disturbances(ticks: _Ticks, table: Table) -> dict[str, FloatArray]:
@@ -317,6 +309,11 @@ def _disturbances(ticks: _Ticks, table: Table) -> dict[str, FloatArray]:
     return {name: ticks.align(table, values) for name, values in columns.items()}
 
 
+_STATUS: dict[str, Kind] = {
+    **_wanted(StatusSignals),
+    "disturbance_names": "texts",
+    "disturbances": "numbers",
+}
 #: topics of set-points: as sent, as the supervisor reports them, and as announced
 SENT, HELD, PLANNED = "/fsw/reference", "/fsw/supervisor/reference", "/fsw/reference_plan"
 #: time after which a new recorder has received the latched messages

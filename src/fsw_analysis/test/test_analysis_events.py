@@ -135,7 +135,7 @@ def test_state_changes_are_events_except_the_initial_state() -> None:
         ),
         (4.0, "nmpc", "auto", "b", (), (), "", np.nan, ""),
     )
-    listed = list(events.of_state(times, state))
+    listed = list(events.of_states(events.states(times, state)))
     assert told(listed) == [
         (1.0, "interlock", "depth_high", "warn"),
         (2.0, "swap", "decentral", ANNA),
@@ -158,10 +158,10 @@ def test_state_changes_are_events_except_the_initial_state() -> None:
 def test_level_of_an_interlock_in_an_older_bag_is_unknown() -> None:
     """It was in a text, which nothing reads; the judgement counts it as a trip."""
     names = [*events.STATE, *events.STATE_ADDED]
-    rows = ((time_s, "nmpc", "auto", locks, 1.0, "", "a", (), "") for time_s, locks in OLDER)
+    rows = ((time_s, "nmpc", "auto", locks, "a", (), "", 1.0, "") for time_s, locks in OLDER)
     changed = [
         (event.subject, event.state, event.is_over)
-        for event in events.of_state(*table(names, *rows))
+        for event in events.of_states(events.states(*table(names, *rows)))
     ]
     assert changed == [("depth_high:warn", "unknown", False)]
 
@@ -192,7 +192,7 @@ def test_a_cause_is_a_fact_whatever_its_words_say() -> None:
             "",
         ),
     )
-    [swap] = events.of_state(times, state)
+    [swap] = events.of_states(events.states(times, state))
     assert not swap.cause.on_request and not swap.cause.at_start
 
 
@@ -264,10 +264,8 @@ def test_monitor_findings_begin_and_end_once() -> None:
 
 def test_nothing_happens_where_nothing_was_recorded() -> None:
     journal = (events.ALARM | events.ALARM_CHANGE, events.of_alarms)
-    state = (events.STATE | events.STATE_ADDED, events.of_state)
     for names, events_of in (
         (events.PROGRESS, events.of_progress),
-        state,
         journal,
         (events.HEALTH, events.of_health),
     ):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from enum import IntEnum, StrEnum
+from enum import EnumType, IntEnum, StrEnum
 from typing import Any, NamedTuple, Self
 
 
@@ -31,10 +31,24 @@ class Coded(IntEnum):
         return self.name.lower()
 
 
-class Worded(StrEnum):
+class _NamedByMember(EnumType):
+    """Gives a member that is only a text its name in small letters as value."""
+
+    def __new__(
+        cls, name: str, bases: tuple[type, ...], body: Mapping[str, Any], **options: Any
+    ) -> _NamedByMember:
+        """Create the enum."""
+        named = cls.__prepare__(name, bases, **options)
+        for key, item in body.items():
+            is_text = key.isupper() and isinstance(item, str)
+            named[key] = (key.lower(), item) if is_text else item
+        return super().__new__(cls, name, bases, named, **options)
+
+
+class Worded(StrEnum, metaclass=_NamedByMember):
     """Base of codes with a text for people, which names the fields of the fact in braces.
 
-    Members are ``NAME = value, words``.
+    Members are ``NAME = words``, with the value ``name``, or ``NAME = value, words``.
     """
 
     words: str
@@ -79,7 +93,7 @@ class RefusedError(ValueError):
 class _Several(Worded):
     """A code for several facts."""
 
-    SEVERAL = "several", "{facts}"
+    SEVERAL = "{facts}"
 
 
 def several(facts: Sequence[Fact]) -> Fact | None:

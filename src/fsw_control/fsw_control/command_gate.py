@@ -19,12 +19,9 @@ ROUNDING = 1e-6
 class Flaw(Worded):
     """Reasons for rejecting a command."""
 
-    NOT_FINITE = "not_finite", "not finite: {quantity} {value} {unit}"
-    OUT_OF_RANGE = (
-        "out_of_range",
-        "{quantity} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}",
-    )
-    JUMP = "jump", "{quantity} would jump {value:.3f} {unit}, more than {high:g} {unit} per tick"
+    NOT_FINITE = "not finite: {quantity} {value} {unit}"
+    OUT_OF_RANGE = "{quantity} {value:.3f} {unit} is outside {low:g} to {high:g} {unit}"
+    JUMP = "{quantity} would jump {value:.3f} {unit}, more than {high:g} {unit} per tick"
 
 
 _UNITS = {"force": "kN", "speed": "rpm"}
@@ -89,11 +86,11 @@ def refusal(
 class Rejection(Worded):
     """Reasons for a rejection beside a flaw of the command itself."""
 
-    SOURCE = "source", "source {source!r} is not one of {sources}"
-    UNHEALTHY = "unhealthy", "{source!r} marked it as not to be applied"
-    FUTURE = "future", "it answers {stamp_s:.1f} s, which has not been measured yet"
-    REPEATED = "repeated", "{stamp_s:.1f} s or a later measurement has been answered already"
-    TOO_OLD = "too_old", "it answers a measurement {age_s:.1f} s old"
+    SOURCE = "source {source!r} is not one of {sources}"
+    UNHEALTHY = "{source!r} marked it as not to be applied"
+    FUTURE = "it answers {stamp_s:.1f} s, which has not been measured yet"
+    REPEATED = "{stamp_s:.1f} s or a later measurement has been answered already"
+    TOO_OLD = "it answers a measurement {age_s:.1f} s old"
 
 
 #: codes of all rejections, the fence's too

@@ -53,12 +53,12 @@ _KNOWN_LOST_SHARE = 0.2
 class Note(Worded):
     """Diagnostics of the controller."""
 
-    PROPOSING = "proposing", "proposing"
-    REASON = "reason", "{reason.words}"
-    NO_MEASUREMENT = "no_measurement", "no measurement received yet"
-    STOPPED = "stopped", "measurements have stopped"
-    SENSOR = "sensor", "{sensor}: {flaw}"
-    OUT_OF_REACH = "out_of_reach", "set-point out of reach: {reach.words}"
+    PROPOSING = "proposing"
+    REASON = "{reason.words}"
+    NO_MEASUREMENT = "no measurement received yet"
+    STOPPED = "measurements have stopped"
+    SENSOR = "{sensor}: {flaw}"
+    OUT_OF_REACH = "set-point out of reach: {reach.words}"
 
 
 class ControllerNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere

@@ -23,9 +23,9 @@ LOST_COMMANDS = 3
 class Barrier(Worded):
     """Reasons for which a command must not pass."""
 
-    LEADER = "leader", "supervisor {leader} no longer leads: term {term}"
-    STOPPED = "stopped", "a safe stop is in force, and {source!r} is not part of it"
-    UNAWARE = "unaware", "{source!r} does not know the last acknowledgement yet"
+    LEADER = "supervisor {leader} no longer leads: term {term}"
+    STOPPED = "a safe stop is in force, and {source!r} is not part of it"
+    UNAWARE = "{source!r} does not know the last acknowledgement yet"
 
 
 class Signature(NamedTuple):

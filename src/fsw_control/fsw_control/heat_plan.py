@@ -32,15 +32,15 @@ Plan = TypeVar("Plan")
 class HeatPlanProblem(Worded):
     """Why a heat plan is refused, or no longer used."""
 
-    LENGTHS = "lengths", f"its lists differ in length, or have not 2 to {_MOST_POINTS} values"
+    LENGTHS = f"its lists differ in length, or have not 2 to {_MOST_POINTS} values"
     NOT_FINITE = "not finite", "a value is not finite"
-    ORDER = "order", "its times do not rise, or its places fall"
-    VARIANCE = "variance", "its variance is negative or falls"
-    HEAT = "heat", f"its heat is not {HEAT_KW}"
-    MODEL = "model", "it has no thermal model, or not one value for each name"
-    OVER = "over", "it came after its last time"
-    CHANGED = "changed", "another profile is in use in this weld"
-    PLACE = "place", "the tool is not where the plan has it: the plan is of another path"
+    ORDER = "its times do not rise, or its places fall"
+    VARIANCE = "its variance is negative or falls"
+    HEAT = f"its heat is not {HEAT_KW}"
+    MODEL = "it has no thermal model, or not one value for each name"
+    OVER = "it came after its last time"
+    CHANGED = "another profile is in use in this weld"
+    PLACE = "the tool is not where the plan has it: the plan is of another path"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,12 +29,11 @@ COMMAND_SPEED_RPM = Range(weld.SPEED_MIN_RPM, weld.SPEED_MAX_RPM, "rpm")
 class Forbidden(Worded):
     """Why set-points are not permitted."""
 
-    OUT_OF_RANGE = "out_of_range", "{quantity}: {value:g} is outside {low:g} to {high:g} {unit}"
-    FALLING = "falling", "plan of set-points refused: their stamps do not rise"
+    OUT_OF_RANGE = "{quantity}: {value:g} is outside {low:g} to {high:g} {unit}"
+    FALLING = "plan of set-points refused: their stamps do not rise"
     WOULD_TRIP = (
-        "would_trip",
         "{quantity} {value:g} {unit} would trip the interlock: "
-        "not {side} {trip:g} {unit}, nor at it",
+        "not {side} {trip:g} {unit}, nor at it"
     )
 
 
@@ -90,8 +89,8 @@ def attainable_of(quantities: Mapping[str, float]) -> Reference | None:
 class OutOfReach(Worded):
     """Set-points out of reach, and the active bound."""
 
-    TEMPERATURE = "temperature", "{asked_c:.0f} °C asked, {attainable_c:.0f} °C attainable"
-    DEPTH = "depth", "{asked_mm:.2f} mm asked, {attainable_mm:.2f} mm attainable"
+    TEMPERATURE = "{asked_c:.0f} °C asked, {attainable_c:.0f} °C attainable"
+    DEPTH = "{asked_mm:.2f} mm asked, {attainable_mm:.2f} mm attainable"
     UPPER = "upper_bound", "{parts}: speed at its upper bound"
     LOWER = "lower_bound", "{parts}: speed at its lower bound"
 

@@ -26,30 +26,21 @@ class Refused(Worded):
     """Why set-points are refused, and what to do."""
 
     AHEAD = (
-        "ahead",
         _REFUSED + "they were published {ahead_s:.0f} s ahead of this computer's clock; "
-        "set the sender's clock, or call fsw/set_reference",
+        "set the sender's clock, or call fsw/set_reference"
     )
     OLD = (
-        "old",
         _REFUSED + "they were published {age_s:.0f} s ago by this computer's clock, "
         "and others are newer; "
-        "send them again, set the sender's clock, or call fsw/set_reference",
+        "send them again, set the sender's clock, or call fsw/set_reference"
     )
     TOO_FAR = (
-        "too_far",
         _REFUSED + "their stamp is {ahead_s:.0f} s ahead of the measurements, "
         "more than {limit_s:.0f} s: the time of another clock; "
-        "send them with stamp 0 to apply them at once",
+        "send them with stamp 0 to apply them at once"
     )
-    INVALID = (
-        "invalid",
-        "set-points refused: {why.words}; the message is in m and degC; those in force stay",
-    )
-    BAD_ISSUE = (
-        "bad_issue",
-        "set-points on {topic} refused: the time of issue {issued_ns} ns is out of range",
-    )
+    INVALID = "set-points refused: {why.words}; the message is in m and degC; those in force stay"
+    BAD_ISSUE = "set-points on {topic} refused: the time of issue {issued_ns} ns is out of range"
 
 
 class _Issued(NamedTuple):

@@ -42,28 +42,22 @@ _LAST_NS = (2**31 - 1) * NANOSECONDS
 class SetPoints(Worded):
     """Answers to a request for set-points, beside that they are not permitted."""
 
-    STEP = "step", "set-points {depth_mm:.4g} mm, {temperature_c:.5g} degC"
+    STEP = "set-points {depth_mm:.4g} mm, {temperature_c:.5g} degC"
     RAMP = (
-        "ramp",
-        "set-points {depth_mm:.4g} mm, {temperature_c:.5g} degC by a ramp over {duration_s:.1f} s",
+        "set-points {depth_mm:.4g} mm, {temperature_c:.5g} degC by a ramp over {duration_s:.1f} s"
     )
-    NEXT = "next", "{sent.words}, in force from the next measurement on"
-    ON_STANDBY = "on_standby", "this supervisor is on standby now; send the request again"
-    INCOMPLETE = "incomplete", "no set-points are in force yet; give both depth and temperature"
-    NO_START = (
-        "no_start",
-        "no set-points are in force from which a ramp could start; send them without a ramp",
-    )
+    NEXT = "{sent.words}, in force from the next measurement on"
+    ON_STANDBY = "this supervisor is on standby now; send the request again"
+    INCOMPLETE = "no set-points are in force yet; give both depth and temperature"
+    NO_START = "no set-points are in force from which a ramp could start; send them without a ramp"
     PROGRAMME_RUNS = (
-        "programme_runs",
-        "the programme of the weld runs and would override it: hold the programme first",
+        "the programme of the weld runs and would override it: hold the programme first"
     )
-    NO_LISTENER = "no_listener", "no controller listens to set-points; start one"
+    NO_LISTENER = "no controller listens to set-points; start one"
     OVERTAKEN = (
-        "overtaken",
-        "other set-points were received after them; check those in force and send them again",
+        "other set-points were received after them; check those in force and send them again"
     )
-    UNCONFIRMED = "unconfirmed", "not confirmed within {wait_s:g} s; check the set-points in force"
+    UNCONFIRMED = "not confirmed within {wait_s:g} s; check the set-points in force"
 
 
 _ON_STANDBY = Answer.refused(SetPoints.ON_STANDBY)

@@ -105,9 +105,9 @@ def told(key: str, fact: Fact | None) -> dict[str, object]:
 class Taken(Worded):
     """Commands or set-points since the last report."""
 
-    ACCEPTED = "accepted", "accepted"
-    REFUSED = "refused", "{count} refused; last: {last.words}"
-    PUBLISHERS = "publishers", "{count} publishers: {names}"
+    ACCEPTED = "accepted"
+    REFUSED = "{count} refused; last: {last.words}"
+    PUBLISHERS = "{count} publishers: {names}"
 
 
 def commands(

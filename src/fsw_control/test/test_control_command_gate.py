@@ -10,7 +10,7 @@ from fsw_control.contract import Command, Limits
 
 
 class Own(Worded):
-    HELD = "held", "words"
+    HELD = "words"
 
 
 GOOD, S = Command(78.4, 407.5), 1_000_000_000

@@ -11,7 +11,7 @@ from enum import StrEnum
 from typing import Any
 
 from fsw_analysis.course import OVER
-from fsw_analysis.headline import VARIABLES
+from fsw_analysis.rules import VARIABLES
 from fsw_hmi.alarm_rules import DONE, NO_REPORT_S, Situation
 from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.limits import worst

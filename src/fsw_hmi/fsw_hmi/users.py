@@ -36,7 +36,7 @@ _NO_MEMORY = error_to_str(-22)  # ARGON2_MEMORY_ALLOCATION_ERROR
 class NameFlaw(Worded):
     """Why a text is no name of a user."""
 
-    NOT_A_NAME = "not_a_name", "{name!r} is not a user's name ({rule})"
+    NOT_A_NAME = "{name!r} is not a user's name ({rule})"
 
 
 def checked_name(name: str) -> str:

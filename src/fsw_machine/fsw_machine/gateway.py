@@ -50,19 +50,18 @@ _NO_NUMBERS = ("cycle", "permissive", "touch_off")
 class Rejection(Worded):
     """Reasons for a rejection in addition to the gate's."""
 
-    DISCONNECTED = "disconnected", "there is no connection to the machine"
-    NOT_PERMISSIVE = "not_permissive", "the machine does not permit it: {fault}"
-    STALE_READ = "stale_read", "the machine was last read {age_s:.2f} s ago"
-    PAUSED = "paused", "control restarts from the drives' values after a pause in the measurements"
-    UNKNOWN_STAMP = ("unknown_stamp", "it answers {stamp_s:.3f} s, at which nothing was measured")
-    UNANSWERED = "unanswered", "the server has not answered the write of {since_s:.3f} s ago"
-    JUMP = "jump", "{jump.words} from the set-points in force at the machine"
+    DISCONNECTED = "there is no connection to the machine"
+    NOT_PERMISSIVE = "the machine does not permit it: {fault}"
+    STALE_READ = "the machine was last read {age_s:.2f} s ago"
+    PAUSED = "control restarts from the drives' values after a pause in the measurements"
+    UNKNOWN_STAMP = "it answers {stamp_s:.3f} s, at which nothing was measured"
+    UNANSWERED = "the server has not answered the write of {since_s:.3f} s ago"
+    JUMP = "{jump.words} from the set-points in force at the machine"
     OUTSIDE = (
-        "outside",
         "{jump.words} from the set-points in force at the machine, which is outside the limits: "
-        "the machine has to bring it back",
+        "the machine has to bring it back"
     )
-    NOT_KNOWN = "not_known", "the set-points in force are not known: {fault}"
+    NOT_KNOWN = "the set-points in force are not known: {fault}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,30 +14,26 @@ from fsw_machine.gateway import Gateway
 class Note(Worded):
     """Diagnostics of the gateway's parts."""
 
-    CONNECTED = "connected", "connected"
-    CONNECTING = "connecting", "connecting"
-    LOST = "lost", "{error}"
-    NOT_CONNECTED = "not_connected", "not connected"
-    STALLED = "stalled", "the cycle counter has not changed for {time_s:.1f} s"
-    NOT_READ = "not_read", "not read yet"
-    INVALID = "invalid", "invalid: {faults}"
-    FAULT = "fault", "{name}: {fault}"
-    NOT_PERMISSIVE = (
-        "not_permissive",
-        "permits no commands: nothing is written, drives are not reported",
-    )
-    PAUSED = "paused", "measurements are paused, so that control restarts from the drives' values"
-    OBEYS = "obeys", "runs and obeys"
-    CLOCK_UNKNOWN = "clock_unknown", "not known yet"
-    CLOCK = "clock", "server's clock is {skew_s:+.3f} s against the local one"
+    CONNECTED = "connected"
+    CONNECTING = "connecting"
+    LOST = "{error}"
+    NOT_CONNECTED = "not connected"
+    STALLED = "the cycle counter has not changed for {time_s:.1f} s"
+    NOT_READ = "not read yet"
+    INVALID = "invalid: {faults}"
+    FAULT = "{name}: {fault}"
+    NOT_PERMISSIVE = "permits no commands: nothing is written, drives are not reported"
+    PAUSED = "measurements are paused, so that control restarts from the drives' values"
+    OBEYS = "runs and obeys"
+    CLOCK_UNKNOWN = "not known yet"
+    CLOCK = "server's clock is {skew_s:+.3f} s against the local one"
     CLOCK_SET = (
-        "clock_set",
         "server's clock is {skew_s:+.3f} s against the local one; "
-        "it was set {steps} times, stamps continue without the step",
+        "it was set {steps} times, stamps continue without the step"
     )
-    NOT_TAKEN = "not_taken", "{count} not taken; last: {last}"
-    TAKEN = "taken", "taken"
-    NOTHING_WRITTEN = "nothing_written", "nothing written yet"
+    NOT_TAKEN = "{count} not taken; last: {last}"
+    TAKEN = "taken"
+    NOTHING_WRITTEN = "nothing written yet"
 
 
 def connection(

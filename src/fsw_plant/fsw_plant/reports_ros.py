@@ -20,20 +20,19 @@ _FIELDS = {"force": "axial_force", "speed": "spindle_speed"}
 class Note(Worded):
     """Diagnostics of the plant's parts."""
 
-    NO_SUBSCRIBERS = "no_subscribers", "first tick waits for subscribers"
-    UNANSWERED = "unanswered", "no command answers the last tick"
-    TICKING = "ticking", "{mode}"
-    STOPPED = "stopped", "{why}; call fsw/plant/reset"
-    WELDING = "welding", "welding"
-    COMMANDED = "commanded", "commands come"
-    HELD = "held", "no valid command for {age_s:.1f} s: last command held"
+    NO_SUBSCRIBERS = "first tick waits for subscribers"
+    UNANSWERED = "no command answers the last tick"
+    TICKING = "{mode}"
+    STOPPED = "{why}; call fsw/plant/reset"
+    WELDING = "welding"
+    COMMANDED = "commands come"
+    HELD = "no valid command for {age_s:.1f} s: last command held"
     SAFE = (
-        "safe",
-        "no valid command for {age_s:.1f} s: force goes to {force_kn:g} kN, spindle keeps turning",
+        "no valid command for {age_s:.1f} s: force goes to {force_kn:g} kN, spindle keeps turning"
     )
-    NO_COMMAND_YET = "no_command_yet", "no command yet: start held"
-    EMULATED = "emulated", "emulated: {events}"
-    UNDISTURBED = "undisturbed", "no faults, no disturbances"
+    NO_COMMAND_YET = "no command yet: start held"
+    EMULATED = "emulated: {events}"
+    UNDISTURBED = "no faults, no disturbances"
 
 
 def truth_message(truth: Truth) -> PlantState:

@@ -26,10 +26,10 @@ SERVICES: dict[bool, tuple[Any, str]] = {
 class Done(Worded):
     """Answers of the plant's services."""
 
-    BEGINS = "begins", "{target}: {kind} from the next tick on"
-    RESET = "reset", "at equilibrium: {depth_mm:.3f} mm, {temperature_c:.1f} degC"
-    INVALID = "invalid", "{error}"
-    NO_EQUILIBRIUM = "no_equilibrium", "{error}"
+    BEGINS = "{target}: {kind} from the next tick on"
+    RESET = "at equilibrium: {depth_mm:.3f} mm, {temperature_c:.1f} degC"
+    INVALID = "{error}"
+    NO_EQUILIBRIUM = "{error}"
 
 
 class PlantServices:

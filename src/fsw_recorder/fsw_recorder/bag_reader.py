@@ -27,26 +27,17 @@ SUFFIXES = (".mcap", ".db3", f".mcap{COMPRESSED}", f".db3{COMPRESSED}")
 _PROGRESS_STEP = 8192
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class BagInfo:
-    """Summary of a bag, counted from its messages instead of its metadata.
+    """Messages of a bag, counted from themselves instead of its metadata.
 
-    `topics` are sorted by name, `counts` are messages by topic; `start_ns` and `end_ns` are the
-    log times of the first and the last message with a known time (0 if none has).
+    `counts` are messages by topic; `start_ns` and `end_ns` are the log times of the first and the
+    last message with a known time (0 if none has).
     """
 
-    path: Path
-    storage: str
-    files: list[str]
-    size_bytes: int
+    counts: dict[str, int]
     start_ns: int
     end_ns: int
-    topics: list[RecordedTopic]
-    counts: dict[str, int]
-    attachments: list[Attachment]
-    custom_data: dict[str, str]
-    ros_distro: str
-    problems: list[str]
 
     @property
     def message_count(self) -> int:
@@ -78,6 +69,7 @@ class BagReader:
         self.problems: list[str] = []
         self.metadata = BagMetadata()
         self._stack = ExitStack()
+        self.storage = ""  #: kind of the storage
         self._parts: list[McapFile | RosbagsFile] = []
         self._info: BagInfo | None = None
         try:
@@ -94,6 +86,7 @@ class BagReader:
             self.close()
             raise BagError("; ".join(failures))
         self.problems += failures
+        self.storage = self._parts[0].storage
         for part in self._parts:  # the folder may have been lost, including its metadata
             self.metadata.custom_data = part.metadata.custom_data | self.metadata.custom_data
             self.metadata.ros_distro = self.metadata.ros_distro or part.metadata.ros_distro
@@ -155,10 +148,10 @@ class BagReader:
 
     def files(self) -> list[Path]:
         """The files to read, including write-ahead logs of sqlite3."""
-        logs = (path.with_name(f"{path.name}-wal") for path in self._storage())
-        return [*self._storage(), *(log for log in logs if log.is_file())]
+        logs = (path.with_name(f"{path.name}-wal") for path in self.storage_files())
+        return [*self.storage_files(), *(log for log in logs if log.is_file())]
 
-    def _storage(self) -> list[Path]:
+    def storage_files(self) -> list[Path]:
         """The storage files; those listed in the metadata if messages are compressed."""
         return (
             [self.path / name for name in self.metadata.files]
@@ -191,7 +184,7 @@ class BagReader:
         progress: Callable[[float], None] | None = None,
         note: Callable[[BagRecord], object] | None = None,
     ) -> BagInfo:
-        """Summary of the bag, which is read once, and again for ``note``.
+        """Count the messages of the bag, which is read once, and again for ``note``.
 
         ``progress`` is called now and then with the fraction read, 0 to 1, and ``note`` with every
         message.
@@ -210,21 +203,7 @@ class BagReader:
                 note(record)
         if unknown:
             self._add_problem(f"{self.path}: {unknown} messages have no receive time")
-        files = self._storage()
-        self._info = BagInfo(
-            path=self.path,
-            storage=self._parts[0].storage,
-            files=[file.name for file in files],
-            size_bytes=sum(file.stat().st_size for file in files),
-            start_ns=start if end else 0,
-            end_ns=end,
-            topics=sorted(self.topics().values(), key=lambda topic: topic.name),
-            counts=dict(counts),
-            attachments=self.attachments(),
-            custom_data=dict(self.metadata.custom_data),
-            ros_distro=self.metadata.ros_distro,
-            problems=list(self.problems),
-        )
+        self._info = BagInfo(dict(counts), start if end else 0, end)
         return self._info
 
     def topics(self) -> dict[str, RecordedTopic]:

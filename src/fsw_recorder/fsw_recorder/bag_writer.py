@@ -37,6 +37,8 @@ _EARLY = 0.9
 
 #: topic, log time, publish time, sequence, data
 Queued = tuple[str, int, int, int, bytes]
+#: what else the writing thread has to do, and whether it was done
+Request = tuple[Callable[[], None], Future[bool]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +80,7 @@ class BagWriter:
         )
         self.is_paused = False  #: messages are ignored while it is set
         self._files = _Files(self.folder, self.options, self.custom_data)
-        self._queue: deque[Queued | Callable[[], None] | Future[bool]] = deque()
+        self._queue: deque[Queued | Request] = deque()
         self._lock = threading.Lock()
         self._wake = threading.Event()
         self._closing = self._ended = False
@@ -124,9 +126,9 @@ class BagWriter:
         now = time.time_ns()
         self._put(lambda: self._files.attach(now, name, media_type, data))
 
-    def split(self) -> None:
-        """Start a new file with the next message."""
-        self._put(self._files.split)
+    def split(self) -> Future[bool]:
+        """Start a new file with the next message; the future as of `flushed`."""
+        return self._put(self._files.split)
 
     def statistics(self) -> dict[str, int]:
         """Counters since the start.
@@ -147,13 +149,7 @@ class BagWriter:
 
     def flushed(self) -> Future[bool]:
         """Future: True once all messages so far are with the operating system, False if never."""
-        future: Future[bool] = Future()
-        with self._lock:
-            if not self._ended:
-                self._put(future)
-                return future
-        future.set_result(False)
-        return future
+        return self._put(self._files.commit)
 
     def flush(self, timeout_s: float = 10.0) -> bool:
         """Wait until all messages so far are with the operating system; False if they are not."""
@@ -174,9 +170,15 @@ class BagWriter:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _put(self, item: Callable[[], None] | Future[bool]) -> None:
-        self._queue.append(item)
+    def _put(self, action: Callable[[], None]) -> Future[bool]:
+        done: Future[bool] = Future()
+        with self._lock:
+            if self._ended:
+                done.set_result(False)
+            else:
+                self._queue.append((action, done))
         self._wake.set()
+        return done
 
     # ------------------------------------------------------- the writing thread
 
@@ -200,14 +202,13 @@ class BagWriter:
         while self._queue:
             # it stays queued until it is done, so that a failure does not lose a future
             item = self._queue[0]
-            if isinstance(item, tuple):
+            if len(item) == 2:
+                action, done = item
+                action()
+                done.set_result(True)
+            else:
                 self._files.write(*item)
                 self._taken_bytes += len(item[-1])
-            elif isinstance(item, Future):
-                self._files.commit()
-                item.set_result(True)
-            else:
-                item()
             self._queue.popleft()
         self._files.commit()
         self._files.sync()
@@ -215,8 +216,8 @@ class BagWriter:
     def _refuse_rest(self) -> None:
         while self._queue:
             item = self._queue.popleft()
-            if isinstance(item, Future):
-                item.set_result(False)
+            if len(item) == 2:
+                item[1].set_result(False)
 
     def _fail(self, error: Exception) -> None:
         """Stop recording, leave the committed data as an intact bag, and keep the reason."""

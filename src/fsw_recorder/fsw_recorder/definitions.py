@@ -85,13 +85,6 @@ def message_class(type_name: str) -> Any:
         raise BagError(f"its type {type_name} is not installed here: {error}") from None
 
 
-def _definition(type_name: str) -> str | None:
-    try:
-        return _installed_definition(type_name)
-    except (OSError, ValueError):  # messages of an unknown type are recorded without a definition
-        return None
-
-
 def _share(package: str) -> Path:
     """Folder of a package's definitions: in a sourced ROS 2, or in this environment's wheels."""
     prefixes = [
@@ -102,9 +95,11 @@ def _share(package: str) -> Path:
     return next((folder for folder in folders if folder.is_dir()), folders[-1])
 
 
-def _installed_definition(type_name: str) -> str:
-    package, *_, message = type_name.split("/")
-    seen = {f"{package}/{message}"}
+def _definition(type_name: str) -> str | None:
+    """As `interface_definition`, but None if unknown."""
+    parts = type_name.split("/")
+    name = f"{parts[0]}/{parts[-1]}"
+    seen = {name}
 
     def text_of(short_name: str) -> str:
         package, name = short_name.split("/")
@@ -116,7 +111,10 @@ def _installed_definition(type_name: str) -> str:
                 text += f"\n{_SEPARATOR}\nMSG: {nested}\n{text_of(nested)}"
         return text
 
-    return text_of(f"{package}/{message}")
+    try:
+        return text_of(name)
+    except (OSError, ValueError):  # messages of an unknown type are recorded without a definition
+        return None
 
 
 class Definitions:

@@ -18,150 +18,95 @@ class Code(Worded):
     """Result of a check."""
 
     # the files of a bag
-    UNREADABLE = "unreadable", "{reason}"
-    MISSING = "missing", "is missing"
-    UNLISTED = "unlisted", "is not in the manifest"
-    REORDERED = "reordered", "every piece is there, but not alone or in another order"
-    OTHER_FILE = "other_file", "is another file: none of its chunks is one that was recorded"
-    CHANGED = "changed", "{place}is not what was recorded"
+    UNREADABLE = "{reason}"
+    MISSING = "is missing"
+    UNLISTED = "is not in the manifest"
+    REORDERED = "every piece is there, but not alone or in another order"
+    OTHER_FILE = "is another file: none of its chunks is one that was recorded"
+    CHANGED = "{place}is not what was recorded"
     NO_MANIFEST = (
-        "no_manifest",
         "the recorder did not write one, e.g. because it was killed: what happened to the bag "
-        "before it was attested is not known",
+        "before it was attested is not known"
     )
-    HASHED_AFTERWARDS = "hashed_afterwards", f"hashed after the recording; {_BEFORE}"
+    HASHED_AFTERWARDS = f"hashed after the recording; {_BEFORE}"
     RECOVERED = (
-        "recovered",
         "is of a copy that 'bag recover' made; what was lost is not known: attest the bag itself, "
-        "{source}",
+        "{source}"
     )
     # signatures and keys
-    NOT_SIGNED = "not_signed", "has no signature"
+    NOT_SIGNED = "has no signature"
     SIGNATURE_DAMAGED = (
-        "signature_damaged",
-        "the signature is damaged, for another purpose, or by an earlier version of this software",
+        "the signature is damaged, for another purpose, or by an earlier version of this software"
     )
-    CONTENT_CHANGED = (
-        "content_changed",
-        "the signature does not fit: the file was changed after it was signed",
-    )
-    KEY_UNKNOWN = "key_unknown", "signed by key {key}, which is not a trusted one ({trusted})"
-    KEY_PURPOSE = "key_purpose", "signed by {name}, whose key {key} is not for {limit}"
-    KEY_EARLY = (
-        "key_early",
-        "signed by {name} at {signed_at}, before the key {key} is valid ({limit})",
-    )
-    KEY_EXPIRED = (
-        "key_expired",
-        "signed by {name} at {signed_at}, after the key {key} expired ({limit})",
-    )
+    CONTENT_CHANGED = "the signature does not fit: the file was changed after it was signed"
+    KEY_UNKNOWN = "signed by key {key}, which is not a trusted one ({trusted})"
+    KEY_PURPOSE = "signed by {name}, whose key {key} is not for {limit}"
+    KEY_EARLY = "signed by {name} at {signed_at}, before the key {key} is valid ({limit})"
+    KEY_EXPIRED = "signed by {name} at {signed_at}, after the key {key} expired ({limit})"
     KEY_REVOKED = (
-        "key_revoked",
         "signed by {name}, who states {signed_at}, but no other signature shows that it was "
-        "before {limit}, from when on the key {key} is revoked",
+        "before {limit}, from when on the key {key} is revoked"
     )
     # files signed together must be of one weld
-    RECORD_OTHER_WELD = "record_other_weld", "is the record of another weld: other {fields}"
+    RECORD_OTHER_WELD = "is the record of another weld: other {fields}"
     RECORD_OTHER_PROCEDURE = (
-        "record_other_procedure",
-        "was judged by another procedure than that of the weld: other {fields}",
+        "was judged by another procedure than that of the weld: other {fields}"
     )
     RECORD_OTHER_IDENTITY = (
-        "record_other_identity",
-        "names another canister, lid, tool or machine than the bag: other {fields}",
+        "names another canister, lid, tool or machine than the bag: other {fields}"
     )
-    RECORD_EDITED = "record_edited", "is not the record that the bag gives: other {fields}"
+    RECORD_EDITED = "is not the record that the bag gives: other {fields}"
     RECORD_OTHER_VERSION = (
-        "record_other_version",
-        "is a record of version {version}, this software reads {read}: write it again",
+        "is a record of version {version}, this software reads {read}: write it again"
     )
-    OTHER_RECORD = "other_record", "was not made of the record.json that is attested with it"
-    DOCUMENT_DIFFERS = "document_differs", "is not what its record.json gives"
+    OTHER_RECORD = "was not made of the record.json that is attested with it"
+    DOCUMENT_DIFFERS = "is not what its record.json gives"
     OTHER_PROCEDURE = (
-        "other_procedure",
-        "the weld ran by another procedure than {id} revision {revision}, SHA-256 {sha256:.12}…",
+        "the weld ran by another procedure than {id} revision {revision}, SHA-256 {sha256:.12}…"
     )
-    NO_PROCEDURE = (
-        "no_procedure",
-        "cannot be judged: give the procedure of the weld, which the bag does not have",
-    )
+    NO_PROCEDURE = "cannot be judged: give the procedure of the weld, which the bag does not have"
     # an attested bag
-    CHANGED_SINCE = "changed_since", "is not the file that was attested"
+    CHANGED_SINCE = "is not the file that was attested"
     NOT_ATTESTED = (
-        "not_attested",
-        "is not a file that was attested: it was changed since, or belongs to another weld",
+        "is not a file that was attested: it was changed since, or belongs to another weld"
     )
-    TIME_ORDER = "time_order", "{later} ({later_at}) is before {earlier} ({earlier_at})"
+    TIME_ORDER = "{later} ({later_at}) is before {earlier} ({earlier_at})"
     # the chain of welds
-    BROKEN_LINK = (
-        "broken_link",
-        "weld {number} does not follow the file before it: one was removed or exchanged",
-    )
-    NOT_IN_CHAIN = (
-        "not_in_chain",
-        "the attestation of this bag, weld {number}, is not in the chain",
-    )
-    ATTESTED_TWICE = "attested_twice", "is a second attestation of weld {number} ({bag})"
-    CANISTER_TWICE = "canister_twice", "{identity} was welded as weld {number}, too"
-    EMPTY = "empty", "there is no attested weld in it"
+    BROKEN_LINK = "weld {number} does not follow the file before it: one was removed or exchanged"
+    NOT_IN_CHAIN = "the attestation of this bag, weld {number}, is not in the chain"
+    ATTESTED_TWICE = "is a second attestation of weld {number} ({bag})"
+    CANISTER_TWICE = "{identity} was welded as weld {number}, too"
+    EMPTY = "there is no attested weld in it"
     # not demanded by every policy
-    MANIFEST_UNSIGNED = (
-        "manifest_unsigned",
-        f"the recorder did not sign it: until it was attested, {_BEFORE}",
-    )
-    PROCEDURE_UNSIGNED = (
-        "procedure_unsigned",
-        "the procedure of the weld was attested without a signature",
-    )
-    PROCEDURE_ABSENT = "procedure_absent", "no procedure was attested with the bag"
+    MANIFEST_UNSIGNED = f"the recorder did not sign it: until it was attested, {_BEFORE}"
+    PROCEDURE_UNSIGNED = "the procedure of the weld was attested without a signature"
+    PROCEDURE_ABSENT = "no procedure was attested with the bag"
 
 
 class Unchecked(Worded):
     """Limits of a check; not faults."""
 
-    BAG_DAMAGED = "bag_damaged", "{problem}; what was lost is not known"
-    CLOCK_UNKNOWN = (
-        "clock_unknown",
-        "times are as stated: the recorder's clock was not known to be synchronized",
-    )
-    PROCEDURE_NOT_RECORDED = (
-        "procedure_not_recorded",
-        "whether the weld ran by procedure {id} is not in the bag",
-    )
-    NO_RECORD = "no_record", "no record was attested with the bag: its weld is not judged"
-    DOCUMENT_ABSENT = (
-        "document_absent",
-        "was attested with the bag and is not here",
-    )
-    NOT_COMPARED = (
-        "not_compared",
-        "its comparison with earlier welds was not checked against their records",
-    )
+    BAG_DAMAGED = "{problem}; what was lost is not known"
+    CLOCK_UNKNOWN = "times are as stated: the recorder's clock was not known to be synchronized"
+    PROCEDURE_NOT_RECORDED = "whether the weld ran by procedure {id} is not in the bag"
+    NO_RECORD = "no record was attested with the bag: its weld is not judged"
+    DOCUMENT_ABSENT = "was attested with the bag and is not here"
+    NOT_COMPARED = "its comparison with earlier welds was not checked against their records"
     STATED_AFTERWARDS = (
-        "stated_afterwards",
-        "what was stated after the weld was attested as it was; the bag does not prove it",
+        "what was stated after the weld was attested as it was; the bag does not prove it"
     )
-    NOT_JUDGED_AGAIN = (
-        "not_judged_again",
-        "documents were compared with the bag when they were attested, not now",
-    )
+    NOT_JUDGED_AGAIN = "documents were compared with the bag when they were attested, not now"
     REVOCATION_BY_OWN_CLOCK = (
-        "revocation_by_own_clock",
         "signed by {name} at {signed_at} by the signer's own clock alone; the key {key} is now "
-        "revoked: whether it was signed before was not checked",
+        "revoked: whether it was signed before was not checked"
     )
-    NO_CHAIN = "no_chain", "no chain given: whether welds are missing was not checked"
-    ALL_KEYS = (
-        "all_keys",
-        "no trusted key has dates: neither validity nor revocations were checked",
-    )
+    NO_CHAIN = "no chain given: whether welds are missing was not checked"
+    ALL_KEYS = "no trusted key has dates: neither validity nor revocations were checked"
     FILES_NOT_CHECKED = (
-        "files_not_checked",
-        "files, documents and other signatures: there is no valid attestation that lists them",
+        "files, documents and other signatures: there is no valid attestation that lists them"
     )
     CHAIN_END = (
-        "chain_end",
-        "welds removed from its end cannot be seen; compare weld {number} and {sha256} with notes",
+        "welds removed from its end cannot be seen; compare weld {number} and {sha256} with notes"
     )
 
 

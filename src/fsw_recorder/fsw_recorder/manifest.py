@@ -14,10 +14,10 @@ import os
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC as MAGIC
 from pydantic import Field
@@ -293,27 +293,20 @@ def check_file(path: Path, listed: FileManifest) -> list[Finding]:
     if len(data) == listed.bytes and sha256(data) == listed.sha256:
         return []
     sizes = {} if len(data) == listed.bytes else {"bytes": len(data), "listed_bytes": listed.bytes}
+
+    def finding_of(code: Code, rows: Sequence[int] = (), place: Place | None = None) -> Finding:
+        return Finding(code=code, file=listed.name, data=sizes, pieces=tuple(rows), place=place)
+
     unchanged = _unchanged(data, listed)
     lost = [row for row in pieces if row not in unchanged]
     if not lost:
-        return [Finding(code=Code.REORDERED, file=listed.name, data=sizes)]
+        return [finding_of(Code.REORDERED)]
     chunks = {row for row in pieces if listed.pieces[row].kind == "chunk"}
     if chunks and not chunks & unchanged:
-        return [Finding(code=Code.OTHER_FILE, file=listed.name, data=sizes, pieces=tuple(lost))]
-    runs = [
-        [row for _, row in run]
-        for _, run in groupby(enumerate(lost), lambda entry: entry[1] - entry[0])
-    ]
-    return [
-        Finding(
-            code=Code.CHANGED,
-            file=listed.name,
-            data=sizes,
-            pieces=tuple(rows),
-            place=place_of(listed.pieces, rows) if len(pieces) > 1 else None,
-        )
-        for rows in runs
-    ]
+        return [finding_of(Code.OTHER_FILE, lost)]
+    runs = [run.tolist() for run in np.split(lost, np.flatnonzero(np.diff(lost) > 1) + 1)]
+    places = [place_of(listed.pieces, rows) if len(pieces) > 1 else None for rows in runs]
+    return [finding_of(Code.CHANGED, *entry) for entry in zip(runs, places, strict=True)]
 
 
 def _unchanged(data: Buffer, listed: FileManifest) -> set[int]:
@@ -333,10 +326,9 @@ def _unchanged(data: Buffer, listed: FileManifest) -> set[int]:
 def place_of(pieces: Sequence[Piece], rows: Sequence[int]) -> Place:
     """Location of consecutive pieces."""
     start_ns = next((piece.begin_ns for piece in pieces if piece.begin_ns is not None), 0)
-    begins = [
-        piece.begin_ns for piece in (pieces[row] for row in rows) if piece.begin_ns is not None
-    ]
-    ends = [piece.end_ns for piece in (pieces[row] for row in rows) if piece.end_ns is not None]
+    lost = [pieces[row] for row in rows]
+    begins = [piece.begin_ns for piece in lost if piece.begin_ns is not None]
+    ends = [piece.end_ns for piece in lost if piece.end_ns is not None]
     return Place(
         parts=tuple(_kinds(pieces, rows)),
         begin=pieces[rows[0] - 1].end if rows[0] else 0,

@@ -36,7 +36,7 @@ class Player:
         self._wanted = topics
         info = reader.info()
         taken = info.counts.keys() if topics is None else info.counts.keys() & topics
-        self.topics = [topic for topic in info.topics if topic.name in taken]
+        self.topics = [topic for name, topic in sorted(reader.topics().items()) if name in taken]
         if not self.topics:
             suffix = f" on {', '.join(sorted(topics))}" if topics else ""
             raise BagError(f"{reader.path}: nothing to play: no messages{suffix}")

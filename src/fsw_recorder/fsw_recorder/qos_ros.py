@@ -10,16 +10,9 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags.interfaces import Qos, QosHistory, QosLiveliness, QosTime
 
-from fsw_recorder.qos import INFINITE
+from fsw_recorder.qos import INFINITE, profile
 
 
 def profile_of(qos: Qos) -> QoSProfile:
@@ -32,22 +25,18 @@ def profile_of(qos: Qos) -> QoSProfile:
     )
 
 
-def offered_by(profile: QoSProfile) -> Qos:
+def offered_by(offer: QoSProfile) -> Qos:
     """QoS offered by a publisher, as stored in a bag; unreported policies have their default."""
-    best_effort = profile.reliability == ReliabilityPolicy.BEST_EFFORT
-    latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    manual = profile.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
-    return Qos(
-        QosHistory[profile.history.name],
-        int(profile.depth),
-        QosReliability.BEST_EFFORT if best_effort else QosReliability.RELIABLE,
-        QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-        _time(profile.deadline),
-        _time(profile.lifespan),
-        QosLiveliness.MANUAL_BY_TOPIC if manual else QosLiveliness.AUTOMATIC,
-        _time(profile.liveliness_lease_duration),
-        False,
+    reliable = offer.reliability != ReliabilityPolicy.BEST_EFFORT
+    latched = offer.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    qos = profile(reliable, latched, int(offer.depth))._replace(
+        history=QosHistory[offer.history.name],
+        deadline=_time(offer.deadline),
+        lifespan=_time(offer.lifespan),
+        liveliness_lease_duration=_time(offer.liveliness_lease_duration),
     )
+    manual = offer.liveliness == LivelinessPolicy.MANUAL_BY_TOPIC
+    return qos._replace(liveliness=QosLiveliness.MANUAL_BY_TOPIC) if manual else qos
 
 
 def _time(duration: Duration) -> QosTime:

@@ -113,7 +113,7 @@ class RecorderNode(ManagedNode):
         self.subscriptions_by_topic: dict[str, TopicSubscription] = {}
         self._left_out: dict[str, str] = {}
         self._other_welds: set[str] = set()
-        self._failure_told = False
+        self._failure_logged = False
         #: topics without a publisher yet, which delay the recording of the others
         self._awaited = [self.resolve_topic_name(name) for name in self._values["wait_for_topics"]]
         self.writer = self._make_writer()
@@ -186,9 +186,8 @@ class RecorderNode(ManagedNode):
             self.get_logger().info("paused" if is_paused else "resumed")
 
         async def split(_: Any, response: Any) -> Any:
-            writer.split()
             done = Future()
-            writer.flushed().add_done_callback(done.set_result)
+            writer.split().add_done_callback(done.set_result)
             await done
             return response
 
@@ -204,7 +203,7 @@ class RecorderNode(ManagedNode):
 
     def _discover(self) -> None:
         if self.writer.error is not None:
-            self._failure_told = True  # logged here, so that it is on /rosout
+            self._failure_logged = True  # logged here, so that it is on /rosout
             self.get_logger().fatal(str(self.writer.error))
             self._report()
             raise SystemExit(1)
@@ -217,7 +216,7 @@ class RecorderNode(ManagedNode):
             if self._awaited and name not in self._awaited:
                 continue
             if name in self._left_out or not self._selection.takes(name):
-                self._tell_other_weld(name)
+                self._log_other_weld(name)
                 continue
             offers = tuple(
                 offered_by(info.qos_profile) for info in self.get_publishers_info_by_topic(name)
@@ -233,7 +232,7 @@ class RecorderNode(ManagedNode):
                         f"subscribed to {name} again, for a publisher that is only {offered}"
                     )
 
-    def _tell_other_weld(self, name: str) -> None:
+    def _log_other_weld(self, name: str) -> None:
         """Report once for each other weld that it is not recorded."""
         weld = self._selection.other_weld(name)
         if weld and weld not in self._other_welds:
@@ -310,7 +309,7 @@ class RecorderNode(ManagedNode):
         logger = get_logger(f"{self.get_logger().name}.bag")
         if self.writer.error is not None:
             self.failed = True
-            if not self._failure_told:
+            if not self._failure_logged:
                 logger.fatal(str(self.writer.error))
         else:
             if self._awaited:

@@ -33,11 +33,11 @@ _SOURCES = (".py", ".yaml", ".c", ".h")
 class Note(Worded):
     """Diagnostics of the recorder."""
 
-    RECORDING = "recording", "recording"
-    PAUSED = "paused", "paused"
-    INCOMPLETE = "incomplete", "recording, but not everything is in the bag"
-    AWAITED = "awaited", "recording nothing until these topics are there: {topics}"
-    FAILED = "failed", "{error}"
+    RECORDING = "recording"
+    PAUSED = "paused"
+    INCOMPLETE = "recording, but not everything is in the bag"
+    AWAITED = "recording nothing until these topics are there: {topics}"
+    FAILED = "{error}"
 
 
 _MAX_ATTACHMENT_BYTES = 64 * 1024 * 1024

@@ -76,12 +76,13 @@ class WeldClockReader:
 
     def __init__(self, reader: BagReader, clock: str, first_ns: int) -> None:
         self.path: Path = reader.path
+        self.topics = reader.topics
         self._reader = reader
         self._clock = clock
         self._first_ns = first_ns
 
     def info(self) -> BagInfo:
-        """Summary of the bag; start and end are on the weld's clock."""
+        """Messages of the bag; start and end are on the weld's clock."""
         end = self._first_ns
         for record in self.records():
             end = record.log_time_ns

@@ -108,14 +108,13 @@ def test_everything_is_recorded_and_the_file_is_whole(graph: Any, tmp_path: Path
     for record in records_of(bag, "/fsw/depth"):
         assert 0 <= record.log_time_ns - record.publish_time_ns < PATIENCE_S * 1e9
     with BagReader(bag) as reader:
-        info = reader.info()
-        topics = reader.topics()
+        info, topics = reader.info(), reader.topics()
+        attachments = {attachment.name: attachment.data for attachment in reader.attachments()}
     assert (
-        info.problems == []
-        and info.custom_data["operator"] == "me"
-        and info.custom_data["lost_messages"] == "0"
+        reader.problems == []
+        and reader.metadata.custom_data["operator"] == "me"
+        and reader.metadata.custom_data["lost_messages"] == "0"
     )
-    attachments = {attachment.name: attachment.data for attachment in info.attachments}
     assert attachments["scenario.yaml"] == b"name: test\n"
     assert (
         b"gain: 2.5" in attachments["parameters/test_node.yaml"]
@@ -190,7 +189,7 @@ def test_weaker_publisher_that_comes_later_is_heard(graph: Any, tmp_path: Path) 
     assert came
     assert len(records_of(bag, "/latched")) == 3
     with BagReader(bag) as reader:
-        lost = int(reader.info().custom_data["lost_messages"])
+        lost = int(reader.metadata.custom_data["lost_messages"])
     assert (lost > 0) == any(
         number < max(came) for number in best_effort - came
     )  # known by what comes after it
@@ -318,7 +317,7 @@ def test_each_message_of_a_flood_is_recorded_or_counted_as_lost(
         recorder.destroy_node()
     with BagReader(tmp_path / "bag") as reader:
         info = reader.info()
-    assert info.message_count + int(info.custom_data["lost_messages"]) == sent
+    assert info.message_count + int(reader.metadata.custom_data["lost_messages"]) == sent
 
 
 def test_second_recorder_on_a_folder_is_refused(graph: Any, tmp_path: Path) -> None:
@@ -488,4 +487,4 @@ def test_killed_recorder_continues_in_a_sibling_bag(graph: Any, tmp_path: Path) 
     assert depths_of(bag) == list(range(100))
     assert seen == list(range(int(seen[0]), int(seen[0]) + len(seen))) and seen[0] >= 100
     with BagReader(sibling) as reader:
-        assert reader.info().custom_data["continues"] == "weld"
+        assert reader.metadata.custom_data["continues"] == "weld"

@@ -245,19 +245,13 @@ def _narrowest(limits: list[Limit]) -> tuple[float | None, float | None]:
 class Deviation(Worded):
     """How a weld leaves its procedure."""
 
-    SET_POINT = (
-        "set_point",
-        "set-point {quantity} {value:g} is in force; permitted: {low:g} to {high:g}",
-    )
-    CONTROLLER = "controller", "{controller} is in command; permitted: {permitted}"
-    MODE = "mode", "mode {mode} ({cause.words}) instead of auto"
-    SWAP = "swap", "swap to {controller} ({cause.words}); permitted: {permitted}"
-    TUNING = (
-        "tuning",
-        "{controller} has parameters {sha256:.12}…, the procedure wants {wanted:.12}…",
-    )
-    LEAVES = "leaves", "{deviations}"
-    KEEPS = "keeps", "no deviation"
+    SET_POINT = "set-point {quantity} {value:g} is in force; permitted: {low:g} to {high:g}"
+    CONTROLLER = "{controller} is in command; permitted: {permitted}"
+    MODE = "mode {mode} ({cause.words}) instead of auto"
+    SWAP = "swap to {controller} ({cause.words}); permitted: {permitted}"
+    TUNING = "{controller} has parameters {sha256:.12}…, the procedure wants {wanted:.12}…"
+    LEAVES = "{deviations}"
+    KEEPS = "no deviation"
 
 
 class ProcedureWatch:

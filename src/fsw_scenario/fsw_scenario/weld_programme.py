@@ -116,21 +116,17 @@ class State(StrEnum):
 class ProgrammeCode(Worded):
     """State of a programme, and answers to requests for another one."""
 
-    AT = "at", "{state} in phase {phase} at {angle_deg:.1f} deg"
-    AT_TIME = "at_time", "{state} at {time_s:.1f} s"
-    NOT_POSSIBLE = "not_possible", "the weld is {state}; it must be {allowed}"
-    FOLLOWED = "followed", "the programme's set-points are in force"
+    AT = "{state} in phase {phase} at {angle_deg:.1f} deg"
+    AT_TIME = "{state} at {time_s:.1f} s"
+    NOT_POSSIBLE = "the weld is {state}; it must be {allowed}"
+    FOLLOWED = "the programme's set-points are in force"
     WAY_BACK = (
-        "way_back",
         "set-points from {start_mm:.4g} mm, {start_c:.5g} degC back to the programme's "
-        "{goal_mm:.4g} mm, {goal_c:.5g} degC by a ramp over {duration_s:.1f} s",
+        "{goal_mm:.4g} mm, {goal_c:.5g} degC by a ramp over {duration_s:.1f} s"
     )
-    RESUMED = "resumed", "{at.words}; {way.words}"
-    NO_PHASES = (
-        "no_phases",
-        "{scenario} has no phases, so it cannot be held; to end it, abort it",
-    )
-    NO_WELD = "no_weld", "no weld is under way"
+    RESUMED = "{at.words}; {way.words}"
+    NO_PHASES = "{scenario} has no phases, so it cannot be held; to end it, abort it"
+    NO_WELD = "no weld is under way"
 
 
 @dataclass(frozen=True, slots=True)
