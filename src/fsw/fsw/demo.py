@@ -108,9 +108,8 @@ def _live(parsed: argparse.Namespace) -> int:
             raise CommandError("--model is for nmpc, which does not run")
         controllers["nmpc"]["model_file"] = str(parsed.model.absolute())
     if parsed.heat is not None:
-        HeatAhead(
-            HeatProfile.from_file(parsed.heat), scenario.phases
-        )  # else the player refuses it
+        # else the player refuses it
+        HeatAhead(HeatProfile.from_file(parsed.heat), scenario.phases)
     if not middleware_is_here():
         raise CommandError(f"--live needs ROS 2: {HOW}")
     EXTRA.need("--live")
