@@ -25,7 +25,7 @@ from fsw_nmpc import NmpcController
 from fsw_plant.plant_node import PlantNode
 from fsw_recorder.recorder_node import RecorderNode
 from fsw_scenario.scenario_node import ScenarioNode
-from fsw_scenario.weld_programme_ros import NoProgramme
+from fsw_scenario.weld_programme_ros import serve
 from fsw_supervisor.supervisor_node import SupervisorNode
 from fsw_test_support import doc_blocks
 from fsw_test_support.launch_modules import LAUNCH_FILE, launching
@@ -85,7 +85,8 @@ class Graph:
         }
         self.nodes["/fsw_plant"].start()
         player = self.nodes["/fsw_scenario"]
-        NoProgramme(player, "quick")
+        for name in ("hold", "resume"):
+            serve(player, name, lambda: None)
         self.topics, self.services = (
             {name: types for name, types in names}
             for names in (

@@ -29,7 +29,7 @@ from fsw_scenario.graph import WeldGraph
 from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario import Scenario
-from fsw_scenario.scenario_file import load, parse, shipped
+from fsw_scenario.scenario_file import load, shipped, with_controller
 
 DEFAULT_SCENARIOS = ("reference_tracking", "output_disturbances")
 SWAP_SCENARIO = "controller_swap"
@@ -101,18 +101,15 @@ def _live(parsed: argparse.Namespace) -> int:
     if len(names) > 1:
         raise CommandError("--live welds once: give one --scenario")
     controllers = variants_of(parsed.controller or OURS)
-    scenario = load(names[0])
-    if not scenario.open_loop and len(scenario.controllers) == 1:
-        scenario = parse(scenario.text, scenario.name, [f"controller={next(iter(controllers))}"])
+    scenario = with_controller(load(names[0]), next(iter(controllers)))
     if parsed.model is not None:
         ModelParameters.from_file(parsed.model)  # else the NMPC refuses it
         if "nmpc" not in controllers:
             raise CommandError("--model is for nmpc, which does not run")
         controllers["nmpc"]["model_file"] = str(parsed.model.absolute())
     if parsed.heat is not None:
-        HeatAhead(
-            HeatProfile.from_file(parsed.heat), scenario.phases
-        )  # else the player refuses it
+        # else the player refuses it
+        HeatAhead(HeatProfile.from_file(parsed.heat), scenario.phases)
     if not middleware_is_here():
         raise CommandError(f"--live needs ROS 2: {HOW}")
     EXTRA.need("--live")
@@ -216,9 +213,7 @@ def _variants(scenario: Scenario, controllers: Iterable[str]) -> dict[str, Scena
         return {"open loop": scenario}
     if len(scenario.controllers) > 1:
         return {"swap": scenario}
-    return {
-        name: parse(scenario.text, scenario.name, [f"controller={name}"]) for name in controllers
-    }
+    return {name: with_controller(scenario, name) for name in controllers}
 
 
 if __name__ == "__main__":

@@ -90,12 +90,8 @@ def exit_code(action: Callable[[], int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:  # an unreadable or unwritable file, wherever it occurs
-        full = error.errno in (
-            errno.ENOSPC,
-            errno.EDQUOT,
-            errno.EFBIG,
-        )  # standard output, if no file is named
-        where = "writing failed: " if full else ""
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        where = "writing failed: " if full else ""  # to standard output, if no file is named
         where = f"cannot read or write {error.filename}: " if error.filename else where
         print(f"error: {where}{error.strerror or error}", file=sys.stderr)
         return 1

@@ -164,12 +164,8 @@ def status(arguments: argparse.Namespace) -> int:
             )
         sources = _measuring(node.node)
         # hidden nodes, e.g. that of the ros2 command, begin with an underscore
-        shown = (
-            name
-            for name in node.node_names()
-            if name != "fsw_operator" and not name.startswith("_")
-        )
-        nodes = sorted(shown)
+        shown = node.node_names() - {"fsw_operator"}
+        nodes = sorted(name for name in shown if not name.startswith("_"))
         reference = node.set_points_in_force(set_points, depths)
     rows = [("nodes", ", ".join(nodes)), *_supervisor_rows(states[-1] if states else None)]
     rows += source_rows(bool(depths), sources, latest_reports(reports, space, sources))
@@ -178,25 +174,18 @@ def status(arguments: argparse.Namespace) -> int:
             continue
         row = SENSORS[name]
         unit, target = row.quantity.unit, getattr(reference, row.signal, None)
-        measured = (
-            f"{convert.sensor_value(name, messages[-1]):.5g} {unit}"
-            if messages
-            else "not measured"
-        )
-        rows.append(
-            (
-                row.label.lower(),
-                measured if target is None else f"{measured}   set-point {target:.4g} {unit}",
-            )
-        )
+        text = "not measured"
+        if messages:
+            text = f"{convert.sensor_value(name, messages[-1]):.5g} {unit}"
+        if target is not None:
+            text += f"   set-point {target:.4g} {unit}"
+        rows.append((row.label.lower(), text))
     if reference is None:
         rows.append(("set-points", "none yet"))
     command = "none"
     if commands:
-        force, speed = (
-            units.kn_from_n(commands[-1].axial_force),
-            units.rpm_from_rad_s(commands[-1].spindle_speed),
-        )
+        force = units.kn_from_n(commands[-1].axial_force)
+        speed = units.rpm_from_rad_s(commands[-1].spindle_speed)
         command = f"{force:.3f} kN, {speed:.2f} rpm from {commands[-1].source}"
     print_table([*rows, ("command", command)])
     return 0

@@ -81,11 +81,8 @@ class Model:
     @cached_property
     def _equations(self) -> dict[int, ca.Function]:
         ca, p = needed("casadi"), self.parameters
-        (force, speed, depth, torque, motor), modes = (
-            map(ca.SX.sym, ("F", "w", "z", "M", "tau")),
-            ca.SX.sym("l", 3),
-        )
-        lags, arriving = ca.SX.sym("T", 2), ca.SX.sym("P")
+        force, speed, depth, torque, motor = map(ca.SX.sym, ("F", "w", "z", "M", "tau"))
+        modes, lags, arriving = ca.SX.sym("l", 3), ca.SX.sym("T", 2), ca.SX.sym("P")
         (a, b), (poles, gains) = equations.thermal_block(p), equations.depth_modes(p)
         friction = _function(
             "friction", {"speed_rpm": speed}, "torque_nm", equations.friction_torque_nm(p, speed)
@@ -245,9 +242,8 @@ class Model:
 
         lin = self.process.linearise(at)
         az, bz, cz, dz = tf2ss(*control.pade(lin.dead_time_s, order))
-        arriving = np.concatenate(
-            [dz[0, 0] * lin.c_power, cz.ravel()]
-        )  # power that arrives, over both states
+        # power that arrives, over both states
+        arriving = np.concatenate([dz[0, 0] * lin.c_power, cz.ravel()])
         a = np.zeros((len(lin.a) + order,) * 2)
         a[:6, :6], a[6:, 6:], a[6:, :6] = lin.a, az, bz @ lin.c_power[None, :]
         a[:6] += np.outer(lin.b_power, arriving)

@@ -33,9 +33,8 @@ def weld(arguments: argparse.Namespace) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a scenario and follow it; exit code 1 if the weld was not completed."""
-    scenario = load(
-        arguments.scenario, arguments.set
-    )  # what is wrong in it is said before anything is sent
+    # errors in it are shown before anything is sent
+    scenario = load(arguments.scenario, arguments.set)
     with operator(arguments) as node:
         try:
             outcome = follow(node, RunWeld.Goal(scenario=scenario.text))
@@ -97,9 +96,8 @@ def follow(node: Operator, goal: Any, over: Callable[[], object] = lambda: False
     result = answer.result().get_result_async()
     node.wait_until(lambda: result.done() or over(), float("inf"))
     if not result.done():
-        with contextlib.suppress(
-            CommandError
-        ):  # without an answer the result does not come either
+        # without an answer the result does not come either
+        with contextlib.suppress(CommandError):
             abort(node)
         node.wait_until(result.done)
     outcome = result.result().result if result.done() else None
@@ -113,20 +111,15 @@ class FeedbackLines:
 
     def __init__(self, all_of_it: bool) -> None:
         self._all = all_of_it
-        self._at, self._left_s = (
-            ("", ""),
-            inf,
-        )  #: state and phase of the last line, and the time left then
+        #: state and phase of the last line, and the time left then
+        self._at, self._left_s = ("", ""), inf
 
     def __call__(self, message: Any) -> None:
         """Print a line if one is due."""
         now, kpi = message.feedback.progress, message.feedback.kpi
         at = (now.state, now.phase)
-        if (
-            not self._all
-            and at == self._at
-            and abs(self._left_s - now.time_left) < _LOGGED_EVERY_S
-        ):
+        is_soon = abs(self._left_s - now.time_left) < _LOGGED_EVERY_S
+        if not self._all and at == self._at and is_soon:
             return
         self._at, self._left_s = at, now.time_left
         where = (

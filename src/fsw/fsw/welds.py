@@ -229,11 +229,8 @@ _UNITS = {
 
 
 def _figure(welds: Sequence[Weld], number: int | None) -> Figure:
-    from fsw_analysis.figures import (
-        PAPER_FIGURES,
-        Run,
-        page,
-    )  # matplotlib takes a second to import
+    # matplotlib takes a second to import
+    from fsw_analysis.figures import PAPER_FIGURES, Run, page
 
     if number is not None and number not in PAPER_FIGURES:
         raise InputError(

@@ -3,8 +3,10 @@
 import pytest
 import yaml
 
+from fsw_control.schema.errors import InputError
 from fsw_scenario.graph import WeldGraph
 from fsw_scenario.scenario_file import load
+from fsw_scenario.weld_options import WeldOptions
 from fsw_test_support.launch_modules import launching
 
 SCENARIO, OPEN = "reference_tracking", "open_loop_force_steps"
@@ -71,3 +73,51 @@ def test_a_node_whose_package_is_not_installed_is_named(launched, monkeypatch):
     monkeypatch.setattr("fsw_control.schema.extensions.extensions", lambda _: {})
     with pytest.raises(RuntimeError, match="recorder"):
         launched(record="true")
+
+
+@pytest.mark.parametrize(
+    ("texts", "realtime", "speed"),
+    [
+        ({}, True, 1.0),
+        ({"speed": "1.0"}, True, 1.0),
+        ({"speed": "0"}, False, 0.0),
+        ({"speed": "2.5"}, False, 2.5),
+        ({"realtime": "false"}, False, 0.0),
+        ({"realtime": "False", "speed": "1.0"}, False, 1.0),
+    ],
+)
+def test_pace_of_time(tmp_path, texts, realtime, speed):
+    graph = WeldOptions.from_texts(texts).graph(tmp_path)
+    assert (graph.realtime, graph.speed, graph.standby) == (realtime, speed, realtime)
+
+
+@pytest.mark.parametrize(
+    ("texts", "path"),
+    [
+        ({"speed": "fast"}, "speed"),
+        ({"speed": "1001"}, "speed"),
+        ({"hmi_port": "65536"}, "hmi_port"),
+        ({"record": "perhaps"}, "record"),
+        ({"machine": "machine.yaml", "realtime": "false"}, "machine"),
+        ({"machine": "machine.yaml", "scenario": SCENARIO}, "machine"),
+        ({"require_signed": "true"}, "require_signed"),
+    ],
+)
+def test_wrong_options_are_named(texts, path):
+    with pytest.raises(InputError) as caught:
+        WeldOptions.from_texts(texts)
+    assert [problem.path for problem in caught.value.problems] == [path]
+
+
+def test_bag_of_the_recorder(tmp_path):
+    recorder = WeldOptions(record=True, bag_dir=str(tmp_path / "bag")).graph(tmp_path).derived
+    assert recorder["fsw_recorder"] == {
+        "number_if_taken": True,
+        "output": str(tmp_path / "bag"),
+    }
+    for options in (
+        WeldOptions(record=True, bag_dir=str(tmp_path)),
+        WeldOptions(controllers=" ,"),
+    ):
+        with pytest.raises(InputError):
+            options.graph(tmp_path)

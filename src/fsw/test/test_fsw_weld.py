@@ -80,11 +80,13 @@ def test_a_weld_is_followed_to_its_result(cell, file):
     for number in range(1, 21):
         cell.number = number
         cell.depth(number)
-        cell.until(lambda: cell.player.weld is None or cell.player.weld.time.tick >= cell.number)
+        cell.until(
+            lambda: cell.player.weld is None or cell.player.weld.machine.tick >= cell.number
+        )
     code, printed, error = cell.end_of(command)
     assert (code, error) == (0, "")
     lines = printed.splitlines()
-    assert lines[0].startswith("running: 1.0 s left, ")
+    assert lines[0].startswith("running: 1.9 s left, ")
     assert [line.partition(":")[0] for line in lines[-4:]] == [
         "done",
         "IAE",

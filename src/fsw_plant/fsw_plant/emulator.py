@@ -303,10 +303,8 @@ class PlantEmulator:
     def truth(self) -> Truth:
         """True state at the present tick, with the inputs of the step that ended there."""
         outputs = self.core.outputs
-        depth_disturbance, temperature_disturbance = (
-            self._disturbance("depth"),
-            self._disturbance("temperature"),
-        )
+        depth_disturbance = self._disturbance("depth")
+        temperature_disturbance = self._disturbance("temperature")
         return Truth(  # by position, which is twice as fast
             self.tick * weld.TICK_NS if self._reading is None else self._reading.stamp_ns,
             outputs.depth_mm + depth_disturbance,

@@ -99,9 +99,8 @@ class TickStamps:
             return wall_ns
         if abs(set_by_ns) > JUMP_NS:
             before_ns, self.ahead_ns = self.ahead_ns, max(0, self.ahead_ns - set_by_ns)
-            self.jumps += (
-                self.ahead_ns - before_ns == -set_by_ns
-            )  # otherwise the stamps jump below
+            # otherwise the stamps jump below
+            self.jumps += self.ahead_ns - before_ns == -set_by_ns
         now_ns, stamp = wall_ns + self.ahead_ns, self._last_ns + TICK_NS
         off = now_ns - stamp
         if abs(off) > JUMP_NS:

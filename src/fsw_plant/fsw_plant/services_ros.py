@@ -37,8 +37,8 @@ class PlantServices:
 
     def __init__(self, node: Node, plant: PlantEmulator, on_reset: Callable[[], None]) -> None:
         self._logger, self._plant, self._after_reset = node.get_logger(), plant, on_reset
-        node.create_service(*SERVICES[True], self._on_set_disturbance)
-        node.create_service(*SERVICES[False], self._on_set_fault)
+        for service in SERVICES.values():
+            node.create_service(*service, self._on_event)
         node.create_service(ResetPlant, "fsw/plant/reset", self._on_reset)
 
     def _answer(self, response: Any, what: str, act: Callable[[], Fact]) -> None:
@@ -52,31 +52,13 @@ class PlantServices:
             fact, response.ok = Fact.of(Done.INVALID, error=error), False
         response.code, response.message = str(fact.code), fact.words
 
-    def _on_set_disturbance(
-        self, request: SetDisturbance.Request, response: SetDisturbance.Response
-    ) -> SetDisturbance.Response:
+    def _on_event(self, request: Any, response: Any) -> Any:
         def act() -> Fact:
-            amplitude = units.from_si(request.amplitude, amplitude_unit(request.channel))
-            requested = disturbance(
-                request.channel, request.shape, amplitude, request.duration, request.period
-            )
-            self._plant.begin(requested)
-            return Fact.of(Done.BEGINS, target=request.channel, kind=request.shape)
+            event = event_of(request)
+            self._plant.begin(event)
+            return Fact.of(Done.BEGINS, target=event.target, kind=event.kind)
 
-        self._answer(response, f"disturbance, amplitude {request.amplitude:g}", act)
-        return response
-
-    def _on_set_fault(
-        self, request: SetFault.Request, response: SetFault.Response
-    ) -> SetFault.Response:
-        def act() -> Fact:
-            magnitude = units.from_si(
-                request.magnitude, magnitude_unit(request.sensor, request.kind)
-            )
-            self._plant.begin(fault(request.sensor, request.kind, magnitude, request.duration))
-            return Fact.of(Done.BEGINS, target=request.sensor, kind=request.kind)
-
-        self._answer(response, f"fault, magnitude {request.magnitude:g}", act)
+        self._answer(response, str(request), act)
         return response
 
     def _on_reset(
@@ -95,6 +77,23 @@ class PlantServices:
 
         self._answer(response, "reset", act)
         return response
+
+
+def event_of(request: Any) -> PlantEvent:
+    """The event of a request.
+
+    Raises
+    ------
+    fsw_control.schema.models.InputError
+        If a scenario could not contain it.
+    """
+    if isinstance(request, SetDisturbance.Request):
+        channel, shape = request.channel, request.shape
+        amplitude = units.from_si(request.amplitude, amplitude_unit(channel))
+        return disturbance(channel, shape, amplitude, request.duration, request.period)
+    sensor, kind = request.sensor, request.kind
+    magnitude = units.from_si(request.magnitude, magnitude_unit(sensor, kind))
+    return fault(sensor, kind, magnitude, request.duration)
 
 
 def event_request(event: PlantEvent) -> Any:

@@ -106,34 +106,26 @@ class _Programme:
     def __init__(self, scenario: Scenario, heat: HeatAhead | None = None) -> None:
         self._heat_ahead = heat
         self._course = Course(references(scenario, start_reference(scenario.plant)))
-        waits = any(phase.until_c is not None for phase in scenario.phases)
-        self._machine = PhaseMachine(scenario.phases) if waits else None
+        self._machine = PhaseMachine(scenario.phases, scenario.n_ticks)
         self._announced, self._n_ticks = scenario.announced, scenario.n_ticks
         self._shown: deque[float] = deque(maxlen=READING_AGE_TICKS + 1)
         self.reference = self._course.coming.popleft()[1]  #: in force
         self._announce()
 
-    @property
-    def _held(self) -> int:
-        return 0 if self._machine is None else self._machine.held
-
     def _announce(self) -> None:
-        planned = [
-            ((tick + self._held) * TICK_NS, point) for tick, point in stair(self._course.coming)
-        ]
+        held = self._machine.held
+        planned = [((tick + held) * TICK_NS, point) for tick, point in stair(self._course.coming)]
         self.plan = ReferencePlan(planned) if self._announced else None
-        self._heat = (
-            self._heat_ahead.plan(self._held * TICK_NS * 1e-9) if self._heat_ahead else None
-        )
+        self._heat = self._heat_ahead.plan(held * TICK_NS * 1e-9) if self._heat_ahead else None
 
     def over(self, tick: int) -> bool:
         """Whether the scenario ends before a tick of the process."""
-        return tick - self._held > self._n_ticks
+        return tick - self._machine.held > self._n_ticks
 
     def begin(self, tick: int) -> Reference:
         """Set-points at a tick, with the announced ones."""
         coming = self._course.coming
-        while coming and coming[0][0] <= tick - self._held:
+        while coming and coming[0][0] <= tick - self._machine.held:
             self.reference = coming.popleft()[1]
         if self.plan is None and self._heat is None:
             return self.reference
@@ -142,14 +134,14 @@ class _Programme:
 
     def end(self, tick: int, plant: PlantEmulator | OwnPlant, shown_c: float) -> int:
         """Follow the thermocouple at a tick and move the tool; returns the programme's tick."""
+        machine = self._machine
         self._shown.append(shown_c)
-        if self._machine is not None:
-            if self._machine.follow(tick, self._shown[0]):
-                self._course.resume(self.reference, self._machine.tick, warm=True)
-                self._announce()
-            if self._held and not isinstance(plant, OwnPlant):
-                plant.follow_programme(self._machine.tick * STEP_S, standing=False)
-        return tick - self._held
+        if machine.follow(tick, self._shown[0]):
+            self._course.resume(self.reference, machine.tick, warm=True)
+            self._announce()
+        if machine.held and not isinstance(plant, OwnPlant):
+            plant.follow_programme(machine.tick * STEP_S, standing=False)
+        return machine.tick
 
 
 class _Tick(NamedTuple):
@@ -290,11 +282,8 @@ class ClosedLoop:
         for name in self._controllers:
             try:
                 statuses[name] = _status_signals(ticks, name)
-            except (
-                TypeError,
-                ValueError,
-                AttributeError,
-            ) as error:  # a user's diagnosis may hold anything
+            # a user's diagnosis may hold anything
+            except (TypeError, ValueError, AttributeError) as error:
                 problems.append(f"{name}: its diagnostics cannot be read: {error}")
         return WeldSignals(
             path=Path(self.scenario.name),

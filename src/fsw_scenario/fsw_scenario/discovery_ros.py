@@ -19,12 +19,8 @@ class Discovery:
     def __init__(
         self, node: Node, publishers: Sequence[Publisher], wanted: int, named: Sequence[str] = ()
     ) -> None:
-        self._node, self._publishers, self._wanted, self._named = (
-            node,
-            publishers,
-            wanted,
-            tuple(dict.fromkeys(named)),
-        )
+        self._node, self._publishers, self._wanted = node, publishers, wanted
+        self._named = tuple(dict.fromkeys(named))
         self._topic = publishers[0].topic_name
 
     def is_complete(self) -> bool:

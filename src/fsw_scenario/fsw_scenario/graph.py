@@ -227,10 +227,8 @@ class WeldGraph:
             raise LaunchError(
                 f"recorder has ended with exit code {codes['recorder']}; see {launcher.log_folder}"
             )
-        for (
-            name,
-            code,
-        ) in codes.items():  # most often a process was slow, and has been ended by a signal
+        # most often a process was slow, and has been ended by a signal
+        for name, code in codes.items():
             if code:
                 how = (
                     f"was ended by {Signals(-code).name}"

@@ -50,9 +50,8 @@ def weld(graph: WeldGraph, launcher: Launcher, port: int) -> int:
     launcher.stop("plant")  # first, so that the bag does not show the others leaving
     launcher.stop(*(name for name in reversed(launcher.children) if name != "hmi"))
     print("the weld is over; look at it:")
-    page = (
-        "fsw node hmi" if Path(sys.argv[0]).name == "fsw" else "python3 scripts/run_hmi.py"
-    )  # installed, or here
+    is_installed = Path(sys.argv[0]).name == "fsw"
+    page = "fsw node hmi" if is_installed else "python3 scripts/run_hmi.py"
     for bag in sorted(graph.folder.glob("bag*")):
         print(f"  {page} --bag {bag}")
     print("the page stays; Ctrl-C ends it", flush=True)

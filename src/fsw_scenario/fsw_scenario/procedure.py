@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from fsw_analysis.procedure import Procedure, tuning_sha256
 from fsw_analysis.rule_book import Limit, Variable
@@ -101,19 +102,10 @@ def _leaves(path: str, value: Any) -> Iterator[tuple[str, str]]:
         yield path, f"{value:g}" if isinstance(value, float) else str(value)
 
 
-#: the supervisor's low and high interlocks by variable
-_LOW: dict[Variable, str] = {
-    "temperature_c": "temperature_low",
-    "depth_mm": "depth_low",
-    "torque_nm": "torque_low",
-}
-_HIGH: dict[Variable, str] = {
-    "temperature_c": "temperature_high",
-    "depth_mm": "depth_high",
-    "force_kn": "force_high",
-    "torque_nm": "torque_high",
-    "power_kw": "power_high",
-}
+#: limits of the supervisor's interlocks on a variable, e.g. ``interlocks.depth_low.trip``
+_TRIP = re.compile(r"interlocks\.(\w+)_(low|high)\.trip")
+#: variables by their quantity, e.g. ``depth``
+_VARIABLES: dict[str, Variable] = {name.rpartition("_")[0]: name for name in get_args(Variable)}
 #: limits of the supervisor's commands: the drives', which a procedure may narrow but not widen
 _COMMANDS: dict[Variable, str] = {
     "force_kn": "limits.force_{}_kn",
@@ -136,17 +128,20 @@ def node_parameters(procedure: Procedure) -> dict[str, dict[str, Any]]:
     """
     parameters: dict[str, Any] = {}
     default = defaults(SupervisorParameters)
-    for names, end in ((_LOW, 0), (_HIGH, 1)):
-        for variable, name in names.items():
-            trip = _narrowest(_always(procedure, variable))[end]
-            if trip is None:
-                continue
-            key = f"interlocks.{name}"
-            points = getattr(procedure.set_points, variable, None)
-            warn = None if points is None else (points.min, points.max)[end]
-            if warn is None or warn == trip:
-                warn = trip - (default[f"{key}.trip"] - default[f"{key}.warn"])
-            parameters |= {f"{key}.warn": warn, f"{key}.trip": trip}
+    for key in default:
+        interlock = _TRIP.fullmatch(key)
+        if interlock is None or (variable := _VARIABLES.get(interlock[1])) is None:
+            continue
+        end = interlock[2] == "high"
+        trip = _narrowest(_always(procedure, variable))[end]
+        if trip is None:
+            continue
+        warn_key = key.removesuffix("trip") + "warn"
+        points = getattr(procedure.set_points, variable, None)
+        warn = None if points is None else (points.min, points.max)[end]
+        if warn is None or warn == trip:
+            warn = trip - (default[key] - default[warn_key])
+        parameters |= {warn_key: warn, key: trip}
     for variable, pattern in _COMMANDS.items():
         keys = pattern.format("min"), pattern.format("max")
         least, most = (default[key] for key in keys)

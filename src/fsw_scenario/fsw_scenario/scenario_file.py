@@ -64,6 +64,13 @@ def parse(text: str, where: str = "scenario", overrides: Sequence[str] = ()) -> 
     return read(content, where, text)
 
 
+def with_controller(scenario: Scenario, name: str) -> Scenario:
+    """The scenario with another controller; it stays if it chooses several itself, or none."""
+    if scenario.open_loop or len(scenario.controllers) > 1:
+        return scenario
+    return parse(scenario.text, scenario.name, [f"controller={name}"])
+
+
 def content_of(text: str, where: str = "scenario") -> dict[str, Any]:
     """Return the mapping in a YAML text, without further validation. Errors as in :func:`load`."""
     content = models.content_of(text, where)

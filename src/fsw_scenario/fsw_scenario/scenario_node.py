@@ -159,7 +159,7 @@ class ScenarioNode(LightNode, Node):
     def scenario_of(self, goal: Any) -> Scenario:
         """The scenario of a goal; RefusedError or InputError if it cannot be played."""
         if self.weld is not None:
-            state = self.weld.describe().words
+            state = self.weld.machine.describe().words
             raise RefusedError.of(WeldEnd.UNDER_WAY, scenario=self.weld.scenario.name, state=state)
         if self._start is not None:
             if goal != self._own or self.ended is not None:

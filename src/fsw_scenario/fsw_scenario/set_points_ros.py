@@ -18,6 +18,7 @@ from fsw_msgs.msg import HeatPlan, WeldReference, WeldReferencePlan
 from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import references
+from fsw_scenario.weld_programme import PhaseMachine
 from fsw_scenario.weld_programme_course import Course
 
 #: Number of references sent ahead with their time in the stamp, so that none is late however fast
@@ -35,16 +36,14 @@ _MARK = "programme {}"
 class ScenarioTime:
     """Position of the newest measurement in the scenario."""
 
+    machine: PhaseMachine  #: has the scenario's tick, and by how many the process's leads it
     first_ns: int | None = None  #: stamp of its first tick
     stamp_ns: int = 0  #: of the newest measurement
-    tick: int = 0  #: of the scenario; the process's tick is larger by the ticks held
-    held: int = 0
 
     def ns(self, tick: int) -> int:
         """Stamp of a tick of the scenario."""
-        return (tick + self.held) * TICK_NS + (
-            0 if self.first_ns is None else self.first_ns - TICK_NS
-        )
+        begin_ns = 0 if self.first_ns is None else self.first_ns - TICK_NS
+        return (tick + self.machine.held) * TICK_NS + begin_ns
 
 
 class SetPoints:
@@ -112,23 +111,17 @@ class SetPoints:
 
     def planned(self) -> Reference:
         """The scenario's set-points at its present tick."""
-        return self.course.programme_at(self._time.tick)
+        return self.course.programme_at(self._time.machine.tick)
 
     def are_by_hand(self) -> bool:
         """Whether foreign set-points are in force while this node still sends its own."""
         self.received.at(self._time.stamp_ns)
         return self.course.followed and self._mark_received and self.received.mark != self._mark
 
-    def leave(self) -> None:
-        """Stop sending; the set-points in force stay."""
-        present = self.in_force()
-        self.course.leave()
-        self._send(present, 0)  # voids those sent ahead
-
     def resume(self, present: Reference, warm: bool = False) -> None:
         """Resume the programme from the present set-points and tick, if it has been left."""
         if self.course.followed:
-            self.course.resume(present, self._time.tick, warm)
+            self.course.resume(present, self._time.machine.tick, warm)
             self.restart(present)
 
     def restart(self, present: Reference) -> None:
@@ -173,11 +166,8 @@ class SetPoints:
             self._send(reference, self._time.ns(tick))
 
     def _horizon(self) -> int:
+        tick = self._time.machine.tick
         if not self._synchronous:
-            return self._time.tick + _AHEAD_REAL_NS // TICK_NS
+            return tick + _AHEAD_REAL_NS // TICK_NS
         # Steps are few and all sent at the start; a ramp or a sine has a reference per tick.
-        return (
-            self._time.tick + _AHEAD
-            if len(self.course.coming) > _AHEAD
-            else self._scenario.n_ticks
-        )
+        return tick + _AHEAD if len(self.course.coming) > _AHEAD else self._scenario.n_ticks

@@ -14,9 +14,7 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 
 from fsw_control import messages_ros as convert
-from fsw_control import units
 from fsw_control.coded import Answer, Fact
-from fsw_control.contract import Reference
 from fsw_control.message_synchronizer import StampFilter
 from fsw_control.schema.files import write_status
 from fsw_control.topics_ros import LATCHED, PLAYER_READY, subscribe_sensors
@@ -31,13 +29,8 @@ from fsw_scenario.set_points_ros import ScenarioTime, SetPoints
 from fsw_scenario.switching_ros import Switching
 from fsw_scenario.timeline import switches
 from fsw_scenario.weld_outcome import FAILED, Outcome, WeldEnd
-from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, ProgrammeCode, State
-from fsw_scenario.weld_programme_ros import (
-    TICKS_PER_REPORT,
-    NoProgramme,
-    ProgrammeServer,
-    SafeStop,
-)
+from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, State
+from fsw_scenario.weld_programme_ros import ProgrammeServer, SafeStop
 
 #: time limit for finding a controller named by a goal
 _CONTROLLER_S = 5.0
@@ -75,11 +68,12 @@ class WeldPlayer:
         over: Callable[[Outcome], object],
     ) -> None:
         self._node, self.scenario, self._options = node, scenario, options
-        self._tell, self._over = report, over
+        self._feed_back, self._over = report, over
         self._simulated = bool(node.get_parameter("use_sim_time").value)
         self._synchronous = self._simulated and options.from_start
         self.kpi = RunningKpi()
-        self.time = ScenarioTime()
+        self.machine = PhaseMachine(scenario.phases, scenario.n_ticks)
+        self.time = ScenarioTime(self.machine)
         self.set_points = SetPoints(
             node, scenario, self.time, options.from_start, self._synchronous, options.heat
         )
@@ -89,15 +83,12 @@ class WeldPlayer:
             self._switches.appendleft((0, scenario.controller))
         named = [name for _, name in self._switches]
         self.deviations = Deviations()
-        self._shown: deque[tuple[int, float]] = deque(
-            maxlen=10 * READING_AGE_TICKS
-        )  #: by the thermocouple
+        #: readings of the thermocouple with their stamps
+        self._shown: deque[tuple[int, float]] = deque(maxlen=10 * READING_AGE_TICKS)
         self._reported = -scenario.n_ticks  # the first tick is reported
-        self._fed = self._judged = (
-            0  #: ticks of the last feedback and of the last figures of merit
-        )
+        self._judged = 0  #: tick of the last figures of merit
         self._last_sample_s = self._began_s = time.monotonic()
-        self.finished = self._aborted = False
+        self.finished = False
         self._switching = Switching(node, self._permit_step)
         self._unanswered_ns: int | None = None  #: stamp of a depth, in lockstep
         self._ready = (
@@ -112,7 +103,6 @@ class WeldPlayer:
             0.05, self._on_watch, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
         self._programme: ProgrammeServer | None = None
-        self._refusing: NoProgramme | None = None
         self._subscriptions: list[Subscription] = []
         self._begun = self.listening = False
 
@@ -125,60 +115,36 @@ class WeldPlayer:
         if self._ready is not None:
             node.destroy_publisher(self._ready)
         parts = (self.set_points, self._switching, self._stop, self._emulator)
-        for part in (*parts, self._programme, self._refusing):
+        for part in (*parts, self._programme):
             if part is not None:
                 part.destroy()
 
     def abort(self) -> Answer:
         """Abort the weld and request the safe stop."""
-        if self._programme is not None:
-            answer = self._programme.abort()
-        else:
-            answer = Answer(not (self.finished or self._aborted), self._at(State.ABORTED))
-            if answer.ok and self._begun:
-                self.set_points.leave()
-        self._aborted = self._aborted or answer.ok
-        return answer
+        return self.machine.abort() if self._programme is None else self._programme.abort()
 
     @property
     def controller(self) -> str:
         """The controller in control, as the supervisor has last reported; empty before."""
         return self._stop.controller
 
-    def describe(self) -> Fact:
-        """State of the weld."""
-        if self._programme is not None:
-            return self._programme.machine.describe()
-        return self._at(State.ABORTED if self._aborted else State.RUNNING)
-
-    def _at(self, state: State) -> Fact:
-        return Fact.of(ProgrammeCode.AT_TIME, state=state, time_s=self.time.tick * TICK_S)
-
     def _on_watch(self) -> None:
         if self.finished:
             return
         self._switching.look()
         absent = "" if self._begun else self._discovery.absent()
-        if (
-            not (self._begun or absent)
-            and self._discovery.is_complete()
-            and self._discovery.is_alone()
-        ):
+        discovery, may_begin = self._discovery, not (self._begun or absent)
+        if may_begin and discovery.is_complete() and discovery.is_alone():
             self._begin()
-        if (
-            self._begun
-            and not self.listening
-            and (not self._synchronous or self.set_points.have_arrived())
-        ):
+        may_listen = self._begun and not self.listening
+        if may_listen and (not self._synchronous or self.set_points.have_arrived()):
             self._listen()
-        if self._aborted or (
-            self._programme is not None and self._programme.machine.state is State.ABORTED
-        ):
+        if self.machine.state is State.ABORTED:
             self._stop.ask()
             if self._stop.answer is not None:
                 if self._programme is not None:
                     self._programme.publish(self.time.stamp_ns)
-                self._end(State.ABORTED, self._stop.answer, self.describe())
+                self._end(State.ABORTED, self._stop.answer, self.machine.describe())
         silence_s = self._options.silence_timeout_s
         silent_s = time.monotonic() - self._last_sample_s
         if absent and not self._options.from_start and silent_s > _CONTROLLER_S:
@@ -202,14 +168,10 @@ class WeldPlayer:
         self._begun = True
         self._last_sample_s = time.monotonic()
         self.set_points.begin()
-        if self.scenario.phases:
-            machine, ours = PhaseMachine(self.scenario.phases), self.set_points
-            self._programme = ProgrammeServer(
-                self._node, machine, ours.course, ours.in_force, ours.restart, self._tell
-            )
-        else:
-            self._refusing = NoProgramme(self._node, self.scenario.name)
-        if self._programme is not None or not self._options.from_start:
+        self._programme = ProgrammeServer(
+            self._node, self.scenario, self.machine, self.set_points, self._feed_back
+        )
+        if self.scenario.phases or not self._options.from_start:
             self._stop.watch(self.abort)
 
     def _listen(self) -> None:
@@ -262,36 +224,29 @@ class WeldPlayer:
                 self.set_points.announce()
                 self.set_points.announce_heat()
         self._last_sample_s = time.monotonic()
-        self.time.tick = 1 + round((stamp_ns - self.time.first_ns) / TICK_NS)
         self.time.stamp_ns = stamp_ns
-        if self._programme is not None:
-            machine = self._programme.machine
-            jumped = machine.follow(self.time.tick, _reading_c(self._shown, stamp_ns))
-            self.time.tick, self.time.held = machine.tick, machine.held
-            if jumped and self.set_points.course.followed:
-                self.set_points.resume(self.set_points.in_force(), warm=True)
-                self._node.get_logger().info(f"temperature reached: {machine.describe().words}")
+        machine, number = self.machine, 1 + round((stamp_ns - self.time.first_ns) / TICK_NS)
+        jumped = machine.follow(number, _reading_c(self._shown, stamp_ns))
+        if jumped and self.set_points.course.followed:
+            self.set_points.resume(self.set_points.in_force(), warm=True)
+            self._node.get_logger().info(f"temperature reached: {machine.describe().words}")
         self._yield_to_hand()
-        if self._programme is not None:
-            self._programme.on_tick(stamp_ns)
+        assert self._programme is not None
         self._judge(depth_mm)
-        if self._programme is None:
-            self._feed_back(stamp_ns)
-        if self._aborted or (
-            self._programme and self._programme.machine.state in (State.HELD, State.ABORTED)
-        ):
+        self._programme.on_tick(stamp_ns)
+        if machine.state in (State.HELD, State.ABORTED):
             return
         self.set_points.send_ahead()
         if self._emulator is not None:
-            self._emulator.send_until(self.time.tick + 1)
-        while self._switches and self._switches[0][0] <= self.time.tick + 1:
+            self._emulator.send_until(machine.tick + 1)
+        while self._switches and self._switches[0][0] <= machine.tick + 1:
             _, controller = self._switches.popleft()
-            self.deviations.ask(controller, self.time.tick)
+            self.deviations.ask(controller, machine.tick)
             self._switching.ask(controller)
-        if (self.time.tick - self._reported) * 100 >= self.scenario.n_ticks:
-            self._reported = self.time.tick
+        if (machine.tick - self._reported) * 100 >= self.scenario.n_ticks:
+            self._reported = machine.tick
             self._report(False)
-        if self.time.tick >= self.scenario.n_ticks:
+        if machine.tick >= self.scenario.n_ticks:
             self._report(True)
             lasted_s = self.scenario.duration_s
             over = Fact.of(WeldEnd.OVER, scenario=self.scenario.name, time_s=lasted_s)
@@ -301,39 +256,28 @@ class WeldPlayer:
         """Stop sending if foreign set-points are in force."""
         if not self.set_points.are_by_hand():
             return
-        what = "no more in this scenario" if self._programme is None else "after a resume"
+        what = "after a resume" if self.scenario.phases else "no more in this scenario"
         self._node.get_logger().warning(
             f"manual set-points are in force; those planned follow {what}"
         )
         self.set_points.course.leave()
         self.set_points.announce()
-        if self._programme is None:
-            self.deviations.note_by_hand(self.time.tick)
+        if not self.scenario.phases:
+            self.deviations.note_by_hand(self.machine.tick)
 
     def _judge(self, depth_mm: float) -> None:
         """Update the figures of merit and the controller in command."""
-        welded = self.time.tick + self.time.held
+        welded = self.machine.tick + self.machine.held
         ticks, self._judged = welded - self._judged, welded
-        self.deviations.count(self.controller, self.time.tick, ticks)
-        planned = self._programme is None and self.set_points.course.followed
+        self.deviations.count(self.controller, self.machine.tick, ticks)
+        planned = not self.scenario.phases and self.set_points.course.followed
         target = self.set_points.planned() if planned else self.set_points.in_force()
         shown_c = self._shown[-1][1] if self._shown else nan
         self.kpi.add(max(ticks, 0) * TICK_S, target, depth_mm, shown_c)
 
-    def _feed_back(self, stamp_ns: int) -> None:
-        """Report the progress of a scenario without phases when due."""
-        left = max(self.scenario.n_ticks - self.time.tick, 0)
-        if left and 0 < self.time.tick - self._fed < TICKS_PER_REPORT:
-            return
-        self._fed = self.time.tick
-        state = State.RUNNING if left else State.DONE
-        state = State.ABORTED if self._aborted else state
-        ours = self.set_points
-        self._tell(_progress(stamp_ns, state, left, ours.planned(), not ours.course.followed))
-
     def _report(self, finished: bool) -> None:
-        tick, wall_s = min(self.time.tick, self.scenario.n_ticks), time.monotonic() - self._began_s
-        write_status(tick=tick, finished=finished, wall_s=round(wall_s, 3))
+        wall_s = time.monotonic() - self._began_s
+        write_status(tick=self.machine.tick, finished=finished, wall_s=round(wall_s, 3))
 
     def _end(self, verdict: str, fact: Fact, *others: Fact) -> None:
         if not self.finished:
@@ -345,17 +289,3 @@ def _reading_c(shown: Iterable[tuple[int, float]], stamp_ns: int) -> float:
     """The thermocouple's reading some ticks ago; NaN if unknown."""
     known_ns = stamp_ns - READING_AGE_TICKS * TICK_NS
     return next((value for at_ns, value in reversed([*shown]) if at_ns <= known_ns), nan)
-
-
-def _progress(
-    stamp_ns: int, state: State, ticks_left: int, planned: Reference, left: bool
-) -> WeldProgress:
-    """Progress of a scenario without phases."""
-    return WeldProgress(
-        header=convert.header(stamp_ns),
-        state=str(state),
-        time_left=ticks_left * TICK_S,
-        depth=units.m_from_mm(planned.depth_mm),
-        temperature=planned.temperature_c,
-        left=left,
-    )

@@ -163,17 +163,17 @@ def time_at(phases: Sequence[Phase], angle_deg: float) -> float:
 
 
 class PhaseMachine:
-    """Runs through the phases (at least one) tick by tick; can be held, resumed and aborted.
+    """Runs through the phases tick by tick; can be held, resumed and aborted.
 
     ``tick`` counts the programme's ticks so far; ``held`` is the lead of the process's tick
     number: ticks of holds and clock jumps, less those by which phases ended early because their
-    temperature was reached.
+    temperature was reached. ``n_ticks`` are those of the scenario, by default of the phases.
     """
 
-    def __init__(self, phases: Sequence[Phase]) -> None:
-        self._phases = tuple(phases)
+    def __init__(self, phases: Sequence[Phase], n_ticks: int = 0) -> None:
+        self.phases = tuple(phases)
         self._spans = spans(phases)
-        self._n_ticks = round(self._spans[-1][2] / TICK_S)
+        self._n_ticks = n_ticks or round(self._spans[-1][2] / TICK_S)
         self.tick = self.held = self._warm_ticks = 0
         self.state = State.RUNNING
 
@@ -190,7 +190,7 @@ class PhaseMachine:
             self.held += max(passed, 0)
         else:
             self.tick = min(self.tick + max(passed, 0), self._n_ticks)
-            jumped = passed > 0 and self._jump(temperature_c)
+            jumped = passed > 0 and bool(self.phases) and self._jump(temperature_c)
             if self.tick == self._n_ticks:
                 self.state = State.DONE
             return jumped
@@ -214,7 +214,7 @@ class PhaseMachine:
 
     def _present(self) -> tuple[Phase, float, float]:
         """The present phase, its start and its end."""
-        parts = [(phase, *span[1:]) for phase, span in zip(self._phases, self._spans, strict=True)]
+        parts = [(phase, *span[1:]) for phase, span in zip(self.phases, self._spans, strict=True)]
         return next((part for part in parts if self.tick * TICK_S < part[2]), parts[-1])
 
     def hold(self) -> Answer:
@@ -237,20 +237,25 @@ class PhaseMachine:
         return Answer(True, self.describe())
 
     def describe(self) -> Fact:
-        """State, phase and angle."""
+        """State, phase and angle; without phases the time."""
+        if not self.phases:
+            time_s = self.tick * TICK_S
+            return Fact.of(ProgrammeCode.AT_TIME, state=self.state, time_s=time_s)
         at = self.progress()
         return Fact.of(ProgrammeCode.AT, state=at.state, phase=at.phase, angle_deg=at.angle_deg)
 
     def progress(self) -> Progress:
         """Present progress."""
         time_s, length_mm = self.tick * TICK_S, 0.0
-        for phase, (_, begin_s, end_s) in zip(self._phases, self._spans, strict=True):
+        left_s = (self._n_ticks - self.tick) * TICK_S
+        if not self.phases:
+            return Progress(self.state, "", 0.0, 0.0, left_s)
+        for phase, (_, begin_s, end_s) in zip(self.phases, self._spans, strict=True):
             share = min((time_s - begin_s) / phase.duration_s, 1.0)
-            if time_s < end_s or phase is self._phases[-1]:
+            if time_s < end_s or phase is self.phases[-1]:
                 break
             length_mm += phase.length_mm
         angle_deg = phase.from_deg + share * (phase.to_deg - phase.from_deg)
-        left_s = (self._n_ticks - self.tick) * TICK_S
         return Progress(
             self.state, phase.name, angle_deg, length_mm + share * phase.length_mm, left_s
         )

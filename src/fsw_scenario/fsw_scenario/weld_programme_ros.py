@@ -7,6 +7,7 @@ from math import radians
 
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
@@ -14,15 +15,15 @@ from rclpy.task import Future
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.coded import Answer, Fact
-from fsw_control.contract import Reference
 from fsw_control.reason import Reason
 from fsw_control.reports_ros import OK, WARN, log
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_msgs.msg import SupervisorState, WeldProgress
 from fsw_msgs.srv import OperatorRequest, SetMode
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.set_points_ros import SetPoints
 from fsw_scenario.weld_outcome import WeldEnd
 from fsw_scenario.weld_programme import PhaseMachine, ProgrammeCode, State
-from fsw_scenario.weld_programme_course import Course
 from fsw_supervisor.state_machine import Mode
 
 #: ticks between two progress reports
@@ -80,8 +81,8 @@ class SafeStop:
             self._node.destroy_subscription(self._states)
 
 
-def _serve(node: Node, name: str, ask: Callable[[], Answer]) -> Service:
-    """Create the service of that name."""
+def serve(node: Node, name: str, ask: Callable[[], Answer]) -> Service:
+    """Create the service ``fsw/weld/NAME``."""
 
     def on_request(
         _: OperatorRequest.Request, response: OperatorRequest.Response
@@ -95,79 +96,76 @@ def _serve(node: Node, name: str, ask: Callable[[], Answer]) -> Service:
     return node.create_service(OperatorRequest, f"fsw/weld/{name}", on_request)
 
 
-class NoProgramme:
-    """Rejects ``fsw/weld/hold|resume`` while a scenario without phases is played."""
-
-    def __init__(self, node: Node, scenario: str) -> None:
-        self._node = node
-        answer = Answer.refused(ProgrammeCode.NO_PHASES, scenario=scenario)
-        self._services = [_serve(node, name, lambda: answer) for name in ("hold", "resume")]
-
-    def destroy(self) -> None:
-        """Leave the graph."""
-        for service in self._services:
-            self._node.destroy_service(service)
-
-
 class ProgrammeServer:
-    """Publishes ``fsw/weld_progress`` and serves ``fsw/weld/hold|resume``.
+    """Reports the progress of a weld, and serves ``fsw/weld/hold|resume``.
 
-    ``in_force`` returns the set-points in force; ``restart`` sends set-points that take effect at
-    once, and the future ones of the programme; ``published`` gets every report.
+    ``feed_back`` gets every report. With phases they are published on ``fsw/weld_progress``, too;
+    a scenario without phases refuses to be held.
     """
 
     def __init__(
         self,
         node: Node,
+        scenario: Scenario,
         machine: PhaseMachine,
-        course: Course,
-        in_force: Callable[[], Reference],
-        restart: Callable[[Reference], object],
-        published: Callable[[WeldProgress], object],
+        set_points: SetPoints,
+        feed_back: Callable[[WeldProgress], object],
     ) -> None:
-        self._node, self.machine, self._course = node, machine, course
-        self._in_force, self._restart, self._published = in_force, restart, published
+        self._node, self._scenario, self._machine = node, scenario, machine
+        self._set_points, self._course = set_points, set_points.course
+        self._feed_back = feed_back
         self._stamp_ns = 0
         self._reported: tuple[object, ...] | None = None
         self._ticks_since_report = 0
-        self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", LATCHED)
+        self._publisher: Publisher | None = None
+        if scenario.phases:
+            self._publisher = node.create_publisher(WeldProgress, "fsw/weld_progress", LATCHED)
         self._services = [
-            _serve(node, name, ask)
+            serve(node, name, ask)
             for name, ask in (("hold", self._hold), ("resume", self._resume))
         ]
 
     def destroy(self) -> None:
         """Leave the graph after delivery of the last message, the end of the weld."""
-        self._publisher.wait_for_all_acked(_DELIVERY)
-        self._node.destroy_publisher(self._publisher)
+        if self._publisher is not None:
+            self._publisher.wait_for_all_acked(_DELIVERY)
+            self._node.destroy_publisher(self._publisher)
         for service in self._services:
             self._node.destroy_service(service)
 
     def _hold(self) -> Answer:
-        return self._keep(self.machine.hold())
+        return self._no_phases() or self._keep(self._machine.hold())
 
     def abort(self) -> Answer:
         """Abort the weld. The caller requests the safe stop."""
-        return self._keep(self.machine.abort())
+        return self._keep(self._machine.abort())
+
+    def _no_phases(self) -> Answer | None:
+        if self._scenario.phases:
+            return None
+        return Answer.refused(ProgrammeCode.NO_PHASES, scenario=self._scenario.name)
 
     def _keep(self, answer: Answer) -> Answer:
         """Keep the set-points in force; sending them voids those sent ahead."""
         if answer.ok:
-            present = self._in_force()
+            present = self._set_points.in_force()
             self._course.leave()
-            self._restart(present)
+            self._set_points.restart(present)
             self.publish(self._stamp_ns)
         return answer
 
     def _resume(self) -> Answer:
         """Return to the programme from a hold or from manual set-points."""
-        by_hand = self.machine.state is State.RUNNING and not self._course.followed
-        answer = Answer(True, self.machine.describe()) if by_hand else self.machine.resume()
+        if refused := self._no_phases():
+            return refused
+        machine = self._machine
+        by_hand = machine.state is State.RUNNING and not self._course.followed
+        answer = Answer(True, machine.describe()) if by_hand else machine.resume()
         if not answer.ok:
             return answer
-        present = self._in_force()
-        way = self._course.resume(present, self.machine.tick)
-        self._restart(present)
+        present = self._set_points.in_force()
+        way = self._course.resume(present, machine.tick)
+        self._set_points.restart(present)
         self.publish(self._stamp_ns)
         return Answer.done(ProgrammeCode.RESUMED, at=answer.fact, way=way.fact)
 
@@ -180,20 +178,19 @@ class ProgrammeServer:
 
     def _state(self) -> tuple[object, ...]:
         """Fields whose changes are reported at once."""
-        now = self.machine.progress()
-        left_for = (
-            None if self._course.followed else self._in_force()
-        )  # the way back depends on it
-        return now.state, now.phase, left_for, self._course.programme_at(self.machine.tick)
+        now = self._machine.progress()
+        # the way back depends on the set-points in force
+        left_for = None if self._course.followed else self._set_points.in_force()
+        planned = self._set_points.planned() if self._scenario.phases else None
+        return now.state, now.phase, left_for, planned
 
     def publish(self, stamp_ns: int) -> None:
         """Report the progress."""
-        now = self.machine.progress()
-        planned = self._course.programme_at(self.machine.tick)
+        now, planned, way_s = self._machine.progress(), self._set_points.planned(), 0.0
         left = not self._course.followed
-        way_s = (
-            self._course.way_back(self._in_force(), self.machine.tick).duration_s if left else 0.0
-        )
+        if left and self._scenario.phases:
+            present = self._set_points.in_force()
+            way_s = self._course.way_back(present, self._machine.tick).duration_s
         self._reported, self._ticks_since_report = self._state(), 0
         message = WeldProgress(
             header=convert.header(stamp_ns),
@@ -207,5 +204,6 @@ class ProgrammeServer:
             left=left,
             way_back=way_s,
         )
-        self._publisher.publish(message)
-        self._published(message)
+        if self._publisher is not None:
+            self._publisher.publish(message)
+        self._feed_back(message)

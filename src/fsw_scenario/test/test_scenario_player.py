@@ -107,8 +107,8 @@ def test_one_depth_stamp_far_ahead_does_not_end_the_programme(graph):
     for _ in range(3):
         graph.tick()
     assert not graph.weld.finished
-    assert graph.weld.time.tick == graph.number
-    assert graph.weld.time.held == 0
+    assert graph.weld.machine.tick == graph.number
+    assert graph.weld.machine.held == 0
 
 
 def test_held_programme_stands_still_until_it_is_resumed(graph):

@@ -288,3 +288,13 @@ def test_the_plant_reads_the_path_from_the_scenarios_text_and_the_text_can_be_re
     assert PlantSchedule.from_yaml(scenario.text).path == scenario.path
     assert scenario_file.parse(scenario.text).path == scenario.path
     assert PlantSchedule.from_yaml(scenario_file.load("canister_weld").text).path == ()
+
+
+def test_programme_has_the_ticks_of_its_scenario():
+    """A duration that rounds to a tick more than the phases is accepted; the weld ends with it."""
+    scenario = parse([{"name": "dwell", "duration_s": 1.0}], duration_s=1.09)
+    machine = PhaseMachine(scenario.phases, scenario.n_ticks)
+    for number in range(1, 12):
+        assert machine.state is State.RUNNING
+        machine.follow(number)
+    assert (machine.tick, machine.state) == (11, State.DONE)

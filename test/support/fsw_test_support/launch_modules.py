@@ -10,6 +10,8 @@ from unittest.mock import MagicMock
 
 import pytest
 
+from fsw_scenario.weld_options import WeldOptions
+
 LAUNCH_FILE = Path(__file__).resolve().parents[3] / "src" / "fsw" / "launch" / "weld.launch.py"
 #: what the launch file imports of ROS 2
 _NAMES = (
@@ -61,9 +63,12 @@ def launching(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[..., li
 
     def launch(**arguments: str) -> list[Node]:
         names = run_launch_file()
-        values.update({name: default for name, (default, _) in names["ARGUMENTS"].items()})
+        declared = {
+            name: (default, choices) for name, default, _, choices in WeldOptions.arguments()
+        }
+        values.update({name: default for name, (default, _) in declared.items()})
         for name, value in arguments.items():
-            if name not in values or value not in names["CHOICES"].get(name, [value]):
+            if name not in values or value not in (declared[name][1] or [value]):
                 raise ValueError(f"{name}:={value}")
         values.update(arguments)
         return [action for action in names["weld"](None) if isinstance(action, Node)]

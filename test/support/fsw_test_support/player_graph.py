@@ -89,7 +89,7 @@ class PlayerGraph(Spinner):
         self.until(
             lambda: (
                 weld.time.stamp_ns == stamp_ns
-                and weld.time.tick + weld.time.held >= self.number - self.before
+                and weld.machine.tick + weld.machine.held >= self.number - self.before
             )
         )
         return self.in_force
