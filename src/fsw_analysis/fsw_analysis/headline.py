@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from fsw_analysis.judgement import Account
-from fsw_analysis.rules import VARIABLES, Verdict
+from fsw_analysis.rule_book import Bounds
+from fsw_analysis.rules import VARIABLES, FactCode, Rule, Verdict
 from fsw_control.weld import TICK_S
 
 Level = Literal["good", "medium", "high"]
@@ -16,14 +17,16 @@ _LEVELS: dict[Verdict, Level] = {
 }
 
 
-def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
+_UNSEEN = "part of it not seen by this page"
+
+
+def page_account(account: Account, offset_s: float = 0.0, recorded: bool = True) -> dict[str, Any]:
     """Headline and places on the unrolled canister, ready for JSON; ``offset_s``: to the page's clock."""
     rule = account.deciding
-    good = rule.verdict is Verdict.ACCEPT
-    place = account.course.place
+    place, gaps = account.course.place, account.course.gaps
     marks = [
-        gap_mark(begin_s + offset_s, lasts_s, place(begin_s, lasts_s))
-        for begin_s, lasts_s in account.course.gaps
+        gap_mark(begin_s + offset_s, lasts_s, place(begin_s, lasts_s), recorded)
+        for begin_s, lasts_s in gaps
     ]
     for run in account.unusable:
         lasts_s, text = run.end_s - run.begin_s + TICK_S, f"sensor {run.sensor}: {run.flaw}"
@@ -40,14 +43,30 @@ def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
         "level": _LEVELS[rule.verdict],
         "rule": rule.name,
         "text": rule.title,
-        "detail": "every limit is kept" if good else f"{rule.words}: {rule.figure}",
+        "detail": _detail(rule) + ("" if recorded or not gaps else f"; {_UNSEEN}"),
         "marks": marks,
     }
 
 
-def gap_mark(begin_s: float, lasts_s: float, place: tuple[float, float] | None) -> dict[str, Any]:
-    """The mark of a time that is not on record, at a time of the page."""
-    return _mark("high", "not on record", begin_s, lasts_s, place)
+def _detail(rule: Rule) -> str:
+    """What decides, without figures that change at every tick."""
+    if rule.verdict is Verdict.ACCEPT:
+        return "every limit is kept"
+    if "variable" not in rule.data:
+        return rule.figure
+    limit, facts = Bounds(**rule.data), {fact.code: fact for fact in rule.facts}
+    parts = [facts[code].words for code in (FactCode.BEYOND, FactCode.MISSING) if code in facts]
+    often = "outside once" if facts[FactCode.OUTSIDE].data["times"] == 1 else "outside repeatedly"
+    label = VARIABLES.get(limit.variable, limit.variable)
+    return ", ".join([f"{label} {limit.span}: {often}", *parts])
+
+
+def gap_mark(
+    begin_s: float, lasts_s: float, place: tuple[float, float] | None, recorded: bool = True
+) -> dict[str, Any]:
+    """The mark of a time that is not on record, or that this page has not seen, in its time."""
+    level: Level = "high" if recorded else "medium"
+    return _mark(level, "not on record" if recorded else _UNSEEN, begin_s, lasts_s, place)
 
 
 def _mark(

@@ -54,6 +54,8 @@ _REPORTS_S = 2.0
 #: ticks. Later, it was lost, and samples of this phase were judged by the limits of the one
 #: before.
 _BEGIN_S = 0.3
+#: time in which control has to begin (chosen: 0.1 to 0.6 s were measured on a busy machine)
+_START_S = 1.0
 _NOT_ON_RECORD = Fact.of(FactCode.NOT_ON_RECORD)
 
 
@@ -113,7 +115,7 @@ def judge(
         The weld is still running: a missing end is not a fault.
     recorded : bool
         It comes from a bag, which must show that nothing was lost; else it was simulated or
-        watched in this process.
+        watched in this process, whose own pauses are no gaps of the record.
     unusable : UnusableSamples, optional
         Samples that are not used; by default they are found here.
     """
@@ -124,10 +126,10 @@ def judge(
     procedure = book if isinstance(book, Procedure) else None
     rules = [
         _complete(course, procedure, running),
-        _recording(course, book, evidence, signals.problems),
+        _recording(course.gaps if recorded else [], book, evidence, signals.problems),
         *_limits(course, book, exceeded),
         *_welded_by(procedure, signals),
-        *_sensors(course, book, evidence),
+        *_sensors(course, book, evidence, recorded),
         *_controllers(course, procedure, evidence),
         *_equipment(course, procedure, signals.custom),
         _held(course, book),
@@ -298,7 +300,10 @@ def _phases(course: Course, procedure: Procedure) -> Iterator[Fact]:
 
 
 def _recording(
-    course: Course, book: RuleBook, evidence: Evidence, problems: Sequence[str]
+    gaps: Sequence[tuple[float, float]],
+    book: RuleBook,
+    evidence: Evidence,
+    problems: Sequence[str],
 ) -> Rule:
     """Over a gap nothing is shown to be inside: one that is longer than an essential limit may be left rejects."""
     faults = [Fact.of(FactCode.PROBLEM, problem=problem) for problem in problems]
@@ -306,19 +311,20 @@ def _recording(
         faults.append(Fact.of(FactCode.LOST_UNKNOWN))
     elif evidence.lost:
         faults.append(Fact.of(FactCode.LOST, count=evidence.lost))
-    longest = float(max((length for _, length in course.gaps), default=0.0))
-    if course.gaps:
-        faults.append(Fact.of(FactCode.GAPS, count=len(course.gaps), longest_s=longest))
+    longest = float(max((length for _, length in gaps), default=0.0))
+    if gaps:
+        faults.append(Fact.of(FactCode.GAPS, count=len(gaps), longest_s=longest))
     worst = Verdict.REJECT if longest > book.acceptance.tolerated_s + 1e-6 else Verdict.REVIEW
     return _rule("recording", faults, verdict=worst)
 
 
-def _sensors(course: Course, book: RuleBook, evidence: Evidence) -> Iterator[Rule]:
+def _sensors(course: Course, book: RuleBook, evidence: Evidence, recorded: bool) -> Iterator[Rule]:
     stamp, most_s = evidence.stamp_ns, book.acceptance.tolerated_unusable_s
     day = None if stamp is None else datetime.fromtimestamp(stamp / NANOSECONDS, tz=UTC).date()
     default = [Sensor(name=name) for name in REQUIRED]
     for sensor in book.sensors if isinstance(book, Procedure) else default:
         missing = course.missing.get(_SIGNALS[sensor.name], course.time_s.size)
+        missing -= 0 if recorded else int(np.sum(course.put_in))
         faults = [Fact.of(FactCode.MISSING, count=missing)] if missing else []
         reasons = evidence.unusable.get(sensor.name, {})
         faults += [
@@ -413,11 +419,15 @@ def _swaps(book: RuleBook, events: Sequence[WeldEvent], evidence: Evidence) -> R
 
 
 def _modes(course: Course, evidence: Evidence) -> Rule:
+    # A supervisor that starts holds the command until it has found a controller that is ready.
+    is_start = np.cumsum(course.mode == "auto") == 0
+    is_start &= np.isin(course.mode, ("", "hold")) & (course.time_s - course.time_s[0] < _START_S)
+    modes = course.mode[~(is_start | course.put_in)]  # gaps have a rule of their own
     others = {
-        mode: float(TICK * np.sum(course.mode == mode))
-        for mode in sorted({*course.mode.tolist()} - {"auto", ""})
+        mode: float(TICK * np.sum(modes == mode))
+        for mode in sorted({*modes.tolist()} - {"auto", ""})
     }
-    unknown = int(np.sum(course.mode == ""))
+    unknown = int(np.sum(modes == ""))
     faults = [
         Fact.of(FactCode.IN_MODE, mode=mode, time_s=time_s) for mode, time_s in others.items()
     ]

@@ -95,15 +95,19 @@ class Bounds(Model):
     @property
     def words(self) -> str:
         """E.g. ``temperature_c 790 to 910 in joint_line``."""
+        return f"{self.variable} {self.span}".rstrip()
+
+    @property
+    def span(self) -> str:
+        """The words without the variable."""
         low, high = self.min, self.max
         if low is not None and high is not None:
-            span = f" {low:g} to {high:g}"
+            span = f"{low:g} to {high:g}"
         elif low is not None:
-            span = f" at least {low:g}"
+            span = f"at least {low:g}"
         else:
-            span = "" if high is None else f" at most {high:g}"
-        phases = f" in {', '.join(self.phases)}" if self.phases else ""
-        return f"{self.variable}{span}{phases}"
+            span = "" if high is None else f"at most {high:g}"
+        return f"{span} in {', '.join(self.phases)}".lstrip() if self.phases else span
 
 
 class Limit(Sourced, Bounds):

@@ -32,7 +32,7 @@ class FactCode(Worded):
     """Findings of the rules, unknowns, and integrity of the bag."""
 
     NOT_ON_RECORD = "not on record"
-    RULES = "{count} rules"
+    RULES = "{count} rule{s}"
     # complete
     ENDED = "the weld was {state}"
     NO_END = "the end of the weld is not on record"
@@ -45,13 +45,13 @@ class FactCode(Worded):
     # recording
     PROBLEM = "{problem}"
     LOST_UNKNOWN = "whether messages were lost is not on record"
-    LOST = "{count} messages lost"
-    GAPS = "{count} gaps, longest {longest_s:.1f} s"
+    LOST = "{count} message{s} lost"
+    GAPS = "{count} gap{s}, longest {longest_s:.1f} s"
     # limits
     OUTSIDE = "{often}, {time_s:.1f} s, {share:.2%}, longest {longest_s:.1f} s"
     LENGTH = "over {length_mm:.1f} mm"
     BEYOND = "by up to {beyond:.4g}"
-    MISSING = "{count} samples missing"
+    MISSING = "{count} sample{s} missing"
     # equipment
     WELDED_BY = "{procedure} revision {revision}, SHA-256 {sha256:.12}…"
     UNUSABLE = "{count} {flaw}"
@@ -65,7 +65,7 @@ class FactCode(Worded):
     USE_UNKNOWN = "use before this weld is not on record"
     # course of the weld
     HELD = "{often}, {time_s:.1f} s"
-    SWAPS = "{count} swaps, {unwanted} not on request"
+    SWAPS = "{count} swap{s}, {unwanted} not on request"
     CAUSE_UNKNOWN = "{count} of a cause that is not on record"
     IN_MODE = "{mode} {time_s:.1f} s"
     MODE_UNKNOWN = "not on record at {ticks} ticks"
@@ -226,4 +226,5 @@ def _plain(data: Mapping[str, Any]) -> dict[str, Any]:
     }
     if "times" in data:
         plain["often"] = "once" if data["times"] == 1 else f"{data['times']} times"
+    plain["s"] = "" if data.get("count") == 1 else "s"  # of a plural
     return plain

@@ -15,7 +15,6 @@ from fsw_hmi.alarm_rules import AlarmRules
 from fsw_hmi.alarm_texts import flood
 from fsw_hmi.alarms import AlarmList, Entry
 from fsw_hmi.answers import Answer, Code
-from fsw_hmi.awake import Awake
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch
 from fsw_msgs.msg import AlarmEvent
@@ -26,7 +25,6 @@ class AlarmDesk:
 
     def __init__(self, node: Node, watch: Watch, setting: Callable[[str], float]) -> None:
         self.list = AlarmList(flood, self._publish)
-        self._awake = Awake()
         self._node, self._watch, self.now = node, watch, watch.now
         self._rules = AlarmRules(setting)
         self._reach: dict[str, Any] = {"ok": None, "text": ""}
@@ -36,7 +34,6 @@ class AlarmDesk:
     def judge(self) -> bool:
         """Determine which alarms are present; returns whether the list has changed."""
         now, now_s = self.now, time.monotonic()
-        self._awake.look(now_s)
         self._look(now_s)
         present = self._rules.present(now, now_s)
         changed = self.list.update(present, now_s)
@@ -67,18 +64,18 @@ class AlarmDesk:
 
     def _look(self, now_s: float) -> None:
         """Determine ages, without the time in which this process stood still."""
-        now, watch, view = self.now, self._watch, self._watch.view
+        now, watch, view, awake = self.now, self._watch, self._watch.view, self._watch.awake
 
         def age_s(came_s: float | None) -> float | None:
-            return None if came_s is None else self._awake.age_s(came_s, now_s)
+            return None if came_s is None else awake.age_s(came_s, now_s)
 
         now.state_age_s = None if now.state is None else age_s(watch.state_s)
         now.tick_age_s, now.command_age_s = age_s(view.tick_s), age_s(view.command_s)
         now.sample_age_s = {
-            name: self._awake.age_s(good_s, now_s) for name, good_s in view.good_s.items()
+            name: awake.age_s(good_s, now_s) for name, good_s in view.good_s.items()
         }
         now.programme = watch.progress["state"] if watch.progress else ""
-        now.programme_age_s = now_s - watch.progress_s
+        now.programme_age_s = awake.age_s(watch.progress_s, now_s)
         now.parts = watch.parts()
         now.pages = self._node.count_publishers("fsw/alarms")
 

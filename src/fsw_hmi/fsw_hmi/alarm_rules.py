@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from math import inf, nan
 from typing import Any
 
+from fsw_analysis.course import OVER
 from fsw_control.contract import Reference
 from fsw_control.depth_channels import ChannelHealth
 from fsw_control.ranges import out_of_reach, wants_heat
@@ -24,6 +25,7 @@ from fsw_hmi.alarm_texts import (
 )
 from fsw_hmi.alarms import STOP_ID, Alarm
 from fsw_hmi.limits import Flag
+from fsw_recorder.recording import Note
 
 #: time without reports of a node after which that is an alarm
 NO_REPORT_S = 3.5
@@ -104,6 +106,7 @@ class Situation:
     parts: Mapping[str, Mapping[str, Part]] = field(default_factory=dict)  #: by node and part
     pages: int = 1  #: servers of an operator's page in the graph
     leader: str = ""  #: identity of the supervisor that leads
+    stop_waits: bool = False  #: a safe stop is in force, wherever, and is not acknowledged
 
 
 class AlarmRules:
@@ -122,12 +125,16 @@ class AlarmRules:
         self._faults: dict[str, str] = {}  # by sensor, the state that it began with
         self._began: dict[str, Alarm] = {}  # alarms that are present, with their first cause
         self._leader, self._led_s = "", -inf  # and since when, if another one led before
+        self._programme_over = False
         #: present when a stop or the end began: it may be their effect
         self._before_stop: frozenset[str] = frozenset()
 
     def present(self, now: Situation, now_s: float) -> dict[str, Alarm]:
         """The alarms that are present by name; ``now_s`` on a steady clock."""
         alarms: dict[str, Alarm] = {}
+        if now.programme not in OVER and self._programme_over:  # another weld
+            self._leader, self._led_s = "", -inf
+        self._programme_over = now.programme in OVER
         if now.leader and now.leader != self._leader:
             self._led_s = now_s if self._leader else -inf
             self._leader = now.leader
@@ -228,12 +235,14 @@ class AlarmRules:
         for interlock in state["interlocks"]:
             name, level = interlock["name"], interlock["level"]
             alarms[f"interlock:{name}"] = of_interlock(name, level)
-        replaced = self._mode(state, alarms)
+        replaced = self._mode(now, state, alarms)
         for controller in state["controllers"]:
             if controller["name"] != replaced:
                 _controller(controller, alarms)
 
-    def _mode(self, state: Mapping[str, Any], alarms: dict[str, Alarm]) -> str | None:
+    def _mode(
+        self, now: Situation, state: Mapping[str, Any], alarms: dict[str, Alarm]
+    ) -> str | None:
         """Who or what commands; returns the controller that another one stands in for: one alarm for one cause."""
         mode, target_mode = state["actual_mode"], state["target_mode"]
         actual, target = state["actual_controller"], state["target_controller"]
@@ -241,7 +250,7 @@ class AlarmRules:
         if mode == "safe_stop":
             asked = state["stop_cause"] == StopCause.OPERATOR
             why = f"asked for by {state['by']}" if asked else tripped(state) or why
-            action = "choose_auto" if state["acknowledged"] else "retract_and_acknowledge"
+            action = next_in_stop(now, state)
             cause = next((c.name.lower() for c in StopCause if c == state["stop_cause"]), "")
             stop = alarm("safe_stop", cause, why=why, action=action)
             alarms[STOP_ID] = replace(stop, trip=not asked)
@@ -317,7 +326,11 @@ class AlarmRules:
         for node, parts in now.parts.items():
             if parts and all(part.level == "stale" for part in parts.values()):
                 if RECORDING in parts:
-                    alarms["recorder"] = alarm("recorder")
+                    last = parts[RECORDING]
+                    failed = last.code == Note.FAILED
+                    why, action = (last.text, "mend") if failed else ("", "start")
+                    action = f"{action}_recorder"
+                    alarms["recorder"] = alarm("recorder", last.code, why=why, action=action)
                 elif node not in told:
                     alarms[f"node:{node}"] = alarm("node_silent", node=node)
                 continue
@@ -339,6 +352,13 @@ class AlarmRules:
                 entry = of_errors(node, errors)
                 own = node.startswith("fsw_") or node in known
                 alarms[f"part:{node}"] = entry if own else replace(entry, priority="low")
+
+
+def next_in_stop(now: Situation, state: Mapping[str, Any]) -> str:
+    """Code of what to do in a safe stop: an aborted weld is not continued, only the next one begun."""
+    if not state["acknowledged"]:
+        return "retract_and_acknowledge"
+    return "clear_machine" if now.programme in OVER else "choose_auto"
 
 
 def standby_ready(parts: Mapping[str, Mapping[str, Part]]) -> bool:

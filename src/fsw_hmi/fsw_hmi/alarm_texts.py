@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from fsw_control.cause import Cause, Severity
+from fsw_control.cause import Cause
 from fsw_control.schema.yaml_text import load_yaml
 from fsw_hmi.alarms import Alarm, Priority
 from fsw_hmi.limits import Flag
@@ -89,6 +89,6 @@ def tripped(state: Mapping[str, Any]) -> str:
     """What the interlock says by which the weld stops; empty if another cause does."""
     if state["cause"] is not Cause.INTERLOCK_TRIP:
         return ""
-    tripped = Severity.TRIP.word
-    names = [lock["name"] for lock in state["interlocks"] if lock["level"] == tripped]
-    return ", ".join(TEXTS.interlocks[name][0] for name in names if name in TEXTS.interlocks)
+    # not those that are tripped now: most of them are the stop's consequences
+    names = [name for name in state["tripped"] if name in TEXTS.interlocks]
+    return ", ".join(TEXTS.interlocks[name][0] for name in names)

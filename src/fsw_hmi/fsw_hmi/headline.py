@@ -12,13 +12,19 @@ from typing import Any
 
 from fsw_analysis.course import OVER
 from fsw_analysis.rules import VARIABLES
-from fsw_hmi.alarm_rules import DONE, NO_REPORT_S, Situation
+from fsw_hmi.alarm_rules import DONE, NO_REPORT_S, Situation, next_in_stop
 from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.limits import worst
 from fsw_hmi.recording import RecordingState
 
 #: no ticks for longer than this: the values on the page are old
 TICK_AGE_S = 0.5
+#: by rule that decides how the weld is judged, what to do while it runs
+_ACTIONS = {
+    **dict.fromkeys(("essential", "quality", "set-point"), "see_marks"),
+    "recording": "check_recorder",
+    "sensor": "check_sensor_cable",
+}
 #: alarms that say why there are no measurements
 _OF_SILENCE = ("machine", "measurements")
 
@@ -55,9 +61,9 @@ def headline(
     """
     if now.programme not in OVER:
         return {**_worst(now, alarms, _of_account(account)), "after": ""}
-    # the stop of an aborted weld comes before its recording
-    stopped = now.programme != DONE and _waits(now.state)
-    after = "retract_and_acknowledge" if stopped else NEXT_OF_BAG[recording]
+    after = NEXT_OF_BAG[recording]
+    if now.stop_waits or _waits(now.state):  # comes before the recording
+        after = "acknowledge_first" if now.programme == DONE else "retract_and_acknowledge"
     end = _end(now, account, after)
     return {**_worst(now, alarms, end), "after": ACTIONS[after]}
 
@@ -117,12 +123,16 @@ def _of_state(now: Situation) -> dict[str, str] | None:
     state = now.state
     if state is None or now.state_age_s is None or now.state_age_s > NO_REPORT_S:
         text, detail = "No supervisor", "nobody is known to command the weld"
+        if now.stop_waits:
+            detail = "a safe stop is in force: the next weld begins stopped"
         return _line("medium", Code.NO_SUPERVISOR, "start_supervisor", text, detail)
     mode = state["actual_mode"]
     if mode == "auto":
         return None
     stopped, text = mode == "safe_stop", f"In {mode.replace('_', ' ')}"
-    action = "retract_and_acknowledge" if _waits(state) else "choose_auto"
+    action = next_in_stop(now, state) if stopped else "choose_auto"
+    if mode == "hold" and state["cause"].at_start:
+        action = "none"
     return _line("high" if stopped else "attention", Code.MODE, action, text, state["reason"])
 
 
@@ -149,5 +159,5 @@ def _of_account(account: Account) -> dict[str, str] | None:
         return _line("attention", Code.NOT_JUDGED, "none", "Not judged yet")
     if account["level"] == "good":
         return None
-    detail = account["detail"]
-    return _line(account["level"], Code.ACCOUNT, "see_marks", account["text"], detail)
+    action = _ACTIONS.get(account["rule"], "have_reviewed")
+    return _line(account["level"], Code.ACCOUNT, action, account["text"], account["detail"])

@@ -184,6 +184,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     def _look(self) -> None:
         self._orders.look()
         self._watch.look()
+        self._watch.now.stop_waits = self._register.stopped
         if self._desk.judge():
             self._show("alarms", self._desk.frame())
         self._show_headline()

@@ -108,7 +108,7 @@ class LiveWeld:
             return None
         stamp_ns = np.array(self._stamps_ns[:1])
         offset_s = self._stamps_ns[0] / NANOSECONDS - float(experiment_time_s(stamp_ns)[0])
-        shown = page_account(account, offset_s)
+        shown = page_account(account, offset_s, recorded=False)
         for begin_s, end_s in gaps:
             lasts_s = end_s - begin_s
             place = account.course.place(begin_s - offset_s, lasts_s)

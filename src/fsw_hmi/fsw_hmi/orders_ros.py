@@ -44,6 +44,7 @@ class _Call:
     asked_s: float = 0.0
     future: Any = None  # rclpy.task.Future
     is_answered: bool = False
+    refused: bool = False  #: the service has answered, but not with success
 
 
 class Orders:
@@ -106,7 +107,8 @@ class Orders:
                 service = call.offered_by
                 if call.repeat and not call.is_answered:
                     call.is_answered, call.due_s = True, now_s + _REPEAT_FOR_S
-                    call.answer(Code.ASKED_AGAIN.timed_out(service=service, wait_s=_REPEAT_FOR_S))
+                    code = Code.UNCONFIRMED if call.refused else Code.ASKED_AGAIN
+                    call.answer(code.timed_out(service=service, wait_s=_REPEAT_FOR_S))
                 else:
                     code = Code.SILENT if call.asked_s else Code.NO_SERVICE
                     self._end(call, code.timed_out(service=service))
@@ -131,6 +133,7 @@ class Orders:
             return
         answer = _answer(future.result())
         if call.repeat and answer.outcome != DONE:
+            call.refused = True
             return  # it is asked for again until its effect is confirmed
         self._end(call, answer)
 

@@ -35,6 +35,7 @@ from fsw_hmi.alarm_rules import (
     Situation,
     standby_ready,
 )
+from fsw_hmi.awake import Awake
 from fsw_hmi.frames import COLUMNS, heat_band, readable, short
 from fsw_hmi.weld_view import Row, WeldView
 from fsw_msgs.msg import (
@@ -84,6 +85,7 @@ class Watch:
         self._known_heat_share = nan  # that the controller which commands uses
         self.references = reference_queue(node)
         self.view = WeldView(self.references.at)
+        self.awake = Awake()  #: how old things are, without this process's own pauses
         self.now = Situation()  #: what has been heard; :class:`AlarmDesk` adds how old it is
         self.progress: dict[str, Any] | None = None  #: as the page gets it
         self.source = ""  #: who computed the last command
@@ -110,7 +112,8 @@ class Watch:
         return self.now.state is not None and self.now.state["actual_mode"] == SAFE_STOP
 
     def look(self) -> None:
-        """Leave the sensors of a plant that is silent; to be called several times a second."""
+        """Leave the sensors of a plant that is silent; to be called every 0.05 s."""
+        self.awake.look(time.monotonic())
         tick_s = self.view.tick_s
         if self._sensors and tick_s is not None and time.monotonic() - tick_s > _SILENT_S:
             for subscription in self._sensors:
@@ -196,7 +199,7 @@ class Watch:
     def show_progress(self) -> None:
         """Send what a programme has reported last; one that no longer reports is silent."""
         if self.progress is not None:
-            old = time.monotonic() - self.progress_s > NO_PROGRAMME_S
+            old = self.awake.age_s(self.progress_s, time.monotonic()) > NO_PROGRAMME_S
             silent = {"state": "silent"} if old and self.programme() else {}
             self._show("progress", self.progress | silent)
 
@@ -241,7 +244,7 @@ class Watch:
     def state_frame(self) -> dict[str, Any]:
         """Content of the frame ``state``; not ``known`` is a state of a supervisor that is silent."""
         return {
-            "known": time.monotonic() - self.state_s <= NO_REPORT_S,
+            "known": self.awake.age_s(self.state_s, time.monotonic()) <= NO_REPORT_S,
             "known_heat_share": short(self._known_heat_share),
             "standby": standby_ready(self.parts()),
             **(self.now.state or _state(SupervisorState())),
@@ -255,7 +258,7 @@ class Watch:
         }
         by_node: dict[str, dict[str, Part]] = {}
         for (node, what), (part, heard_s) in sorted(self._parts.items()):
-            old = now_s - heard_s > NO_REPORT_S
+            old = self.awake.age_s(heard_s, now_s) > NO_REPORT_S
             by_node.setdefault(node, {})[what] = replace(part, level="stale") if old else part
         return by_node
 

@@ -283,7 +283,7 @@ def test_a_swap_that_is_asked_for_is_an_alarm_only_when_it_does_not_come(rules):
         == []
     )
     assert told(20.0, **waits) == []
-    late = ["nmpc commands in place of decentral: it was asked for, and is not ready"]
+    late = ["nmpc commands instead of decentral: it was asked for, and is not ready"]
     assert told(33.0, **waits) == late
     assert told(40.0) == told(42.0) == late, "until it is acknowledged"
     listed.acknowledge(["failover"], "Anna")
@@ -323,16 +323,21 @@ def test_interlock_that_trips_with_the_safe_stop_is_the_first(rules):
 
 
 def test_a_stop_by_an_interlock_names_it_as_people_do(rules):
-    def why(*interlocks):
+    def why(*tripped):
+        present = [lock("depth_low", "trip"), *(lock(name, "trip") for name in tripped)]
         stopped = state(
-            actual_mode="safe_stop", cause=Cause.INTERLOCK_TRIP, reason="so", interlocks=interlocks
+            actual_mode="safe_stop",
+            cause=Cause.INTERLOCK_TRIP,
+            reason="so",
+            interlocks=present,
+            tripped=list(tripped),
         )
         return rules.present(situation(state=stopped), 0.0)["safe_stop"].text.removeprefix(
             "Safe stop: "
         )
 
-    assert why(lock("depth_low", "warn"), lock("torque_high", "trip")) == "Torque too high"
-    assert why(lock("new_one", "trip")) == why() == "so"
+    assert why("torque_high") == "Torque too high", "what trips later is no cause"
+    assert why("new_one") == why() == "so"
 
 
 def test_supervisor_that_never_reports_is_an_alarm_when_the_plant_runs(rules):
@@ -457,6 +462,20 @@ def test_cold_weld_is_an_alarm_if_it_led_to_the_stop(rules):
         stopped = state(interlocks=two, tripped=[name], **cause)
         shown = rules.present(situation(COLD, state=stopped), 0.0)
         assert ("interlock:temperature_low" in shown) is is_cause
+
+
+def test_recorder_that_ended_by_an_error_keeps_its_cause(rules):
+    part = Part("stale", "writing failed: No space left on device", code="failed")
+    raised = rules.present(situation(parts={"fsw_recorder": {"recording": part}}), 0.0)["recorder"]
+    assert (raised.cause, raised.why, raised.action) == ("failed", part.text, "mend_recorder")
+
+
+def test_a_leader_of_the_weld_before_has_not_failed(rules):
+    stale = {"fsw_supervisor": {"standby": Part("stale", ""), "process": Part("ok", "")}}
+    for programme in ("running", "done"):
+        rules.present(situation(leader="a", programme=programme), 0.0)
+    next_weld = situation(leader="b", programme="running", parts=stale)
+    assert rules.present(next_weld, 0.0)["standby"].cause == "lost"
 
 
 def test_recorder_that_is_killed_is_an_alarm(rules):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fsw_analysis.rule_book import Limit, default
+from fsw_control.cause import Cause
 from fsw_hmi.alarm_rules import Situation
 from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.headline import headline
@@ -17,8 +18,14 @@ from fsw_test_support import hmi_situation
 INTERLOCKS = {"interlocks.depth_high.warn": 3.4, "interlocks.depth_high.trip": 3.6}
 LIMITS = limits(INTERLOCKS, default())
 GOOD = hmi_situation.GOOD | {"torque_nm": 1060.0, "power_kw": 45.0}
-AUTO = {"known": True, "actual_mode": "auto", "reason": "", "acknowledged": False}
-ACCOUNT = {"level": "good", "text": "Good", "detail": ""}
+AUTO = {
+    "known": True,
+    "actual_mode": "auto",
+    "reason": "",
+    "acknowledged": False,
+    "cause": Cause.SWAP_REQUESTED,
+}
+ACCOUNT = {"level": "good", "rule": "all", "text": "Good", "detail": ""}
 FLAG = {"level": "medium", "kind": "error", "text": "off its set-point, high"}
 
 
@@ -68,7 +75,7 @@ def shown(
         ({"account": None}, "attention", "Not judged yet"),
         (
             {
-                "account": {"level": "medium", "text": "Tool", "detail": ""},
+                "account": {"level": "medium", "rule": "tool", "text": "Tool", "detail": ""},
                 "alarms": [alarm("low")],
             },
             "medium",
@@ -86,6 +93,35 @@ STOP = {"actual_mode": "safe_stop"}
 RETRACT = "retract_and_acknowledge"
 
 
+def test_a_stop_that_waits_is_told_although_no_supervisor_reports() -> None:
+    silent = AUTO | {"known": False}
+    assert shown(state=silent, stop_waits=True)["detail"] != shown(state=silent)["detail"]
+    for programme, after in (("done", "acknowledge_first"), ("aborted", RETRACT)):
+        line = shown(programme=programme, state=silent, stop_waits=True, recording="closed")
+        assert line["after"] == ACTIONS[after]
+
+
+@pytest.mark.parametrize(
+    ("changed", "action"),
+    [
+        ({"cause": Cause.UNKNOWN}, "choose_auto"),
+        ({"cause": Cause.STARTED}, "none"),
+    ],
+)
+def test_in_hold_at_the_start_nothing_is_to_be_done(changed: Any, action: str) -> None:
+    line = shown(state=AUTO | {"actual_mode": "hold", **changed})
+    assert (line["code"], line["action"]) == ("mode", action)
+
+
+@pytest.mark.parametrize(
+    ("rule", "action"),
+    [("quality", "see_marks"), ("recording", "check_recorder"), ("mode", "have_reviewed")],
+)
+def test_what_to_do_follows_from_the_rule_that_decides(rule: str, action: str) -> None:
+    account = {"level": "medium", "rule": rule, "text": "so", "detail": ""}
+    assert shown(account=account)["action"] == action
+
+
 @pytest.mark.parametrize("account", [ACCOUNT, None], ids=["judged", "not judged"])
 @pytest.mark.parametrize(
     ("programme", "state", "action"),
@@ -97,7 +133,7 @@ RETRACT = "retract_and_acknowledge"
         ("aborted", {"actual_mode": "manual"}, NEXT_OF_BAG["recording"]),
         ("aborted", {}, NEXT_OF_BAG["recording"]),
         ("done", {}, NEXT_OF_BAG["recording"]),
-        ("done", STOP, NEXT_OF_BAG["recording"]),
+        ("done", STOP, "acknowledge_first"),
         ("running", STOP, "none"),
         ("", {}, "none"),
     ],

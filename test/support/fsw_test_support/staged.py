@@ -88,7 +88,7 @@ STAGED = {
         "failover",
         "",
         "swap_back",
-        "decentral commands in place of nmpc: no proposal at the deadline"
+        "decentral commands instead of nmpc: no proposal at the deadline"
         " → Remove the cause, then swap back to nmpc",
         (
             situation(
@@ -183,8 +183,8 @@ STAGED = {
     "programme aborted, stop acknowledged": Staged(
         "safe_stop",
         "operator",
-        "choose_auto",
-        "Safe stop: asked for by Anna (1) → Choose mode auto to start control again",
+        "clear_machine",
+        "Safe stop: asked for by Anna (1) → Clear the machine, then start the next weld",
         (situation(state=_stopped(StopCause.OPERATOR, acknowledged=True), programme="aborted"),),
         after="wait_for_bag",
     ),
