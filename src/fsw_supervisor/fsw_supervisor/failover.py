@@ -212,7 +212,9 @@ class Failover:
         if self.role is Role.LISTENING:
             self.role = Role.STANDBY
         if self.role is Role.ACTIVE:
-            if self.leads or (term, leader) < (self.term, self._identity):
+            loses = (term, leader) < (self.term, self._identity)
+            # Of two that have sent under one term, the next report names the leader.
+            if self.leads or loses or (self.term and term == self.term):
                 # Rate-limited: two supervisors that both believe to lead would answer each other
                 # for ever.
                 if self._called_s - self._asserted_s >= self._arbiter.settings.tick_period_s:

@@ -149,6 +149,22 @@ def test_a_leader_steps_down_when_another_one_is_reported(leader, term, stays):
     assert (leader.failover.role is Role.ACTIVE) == stays, "a report of an earlier term is old"
 
 
+@pytest.mark.parametrize("identity", ["a", "z"])
+def test_between_two_leaders_of_one_term_the_actuator_end_decides(make_leader, identity):
+    leader = make_leader().run(2 * LISTEN_S)
+    while not leader.sent:
+        leader.measure()
+        leader.run(0.09)
+    rival = Signature(1, identity)
+    assert (leader.failover.term, leader.failover.leads) == (1, False), "no report yet"
+    assert not leader.failover.on_leader_state(rival)
+    assert leader.failover.role is Role.ACTIVE
+    other = Fence()
+    assert other.check(rival, "nmpc") is None
+    leader.failover.on_actuator(other.state, leader.now_s)
+    assert leader.failover.role is Role.STANDBY
+
+
 @pytest.mark.parametrize(("identity", "stays"), [("a", True), ("z", False)])
 def test_before_any_report_the_greater_identity_stays(make_leader, identity, stays):
     leader = make_leader().run(2 * LISTEN_S)
