@@ -356,13 +356,36 @@ def test_in_lockstep_a_leader_that_answers_in_time_stays(make_leader):
     assert standby.failover.role is Role.STANDBY
 
 
-def test_lockstep_standby_takes_over_the_first_unanswered_tick(make_leader):
+@pytest.mark.requirement("S9")
+def test_in_lockstep_a_leader_that_repeats_its_state_stays_and_a_silent_one_does_not(make_leader):
+    """It may wait for a controller that has answered the standby."""
     standby = make_leader(standby=True, lockstep=True)
+    standby.fence.check(OTHER, "nmpc")
     standby.measure()
-    standby.run(standby.arbiter.settings.takeover_s(True) + 0.01)
+    for _ in range(20):
+        standby.run(1.7)
+        assert standby.failover.role is Role.STANDBY
+        assert standby.failover.on_leader_state(OTHER)
+        standby.run(0.0)
+    standby.run(1.9)
+    assert standby.failover.role is Role.STANDBY
+    standby.run(0.2)
     assert standby.failover.role is Role.ACTIVE
-    assert [decision.stamp_ns for decision in standby.sent] == [standby.stamp_ns]
     assert standby.arbiter.machine.mode is Mode.AUTO
+
+
+@pytest.mark.requirement("S9")
+def test_in_lockstep_a_standby_is_more_patient_after_a_takeover(make_leader):
+    standby = make_leader(standby=True, lockstep=True)
+    for term in (1, 2):
+        standby.measure()
+        answer(standby, signature=Signature(term, f"other{term}"))
+        standby.run(0.1)
+    standby.measure()
+    standby.run(3.9)
+    assert standby.failover.role is Role.STANDBY
+    standby.run(0.2)
+    assert standby.failover.role is Role.ACTIVE
 
 
 @pytest.mark.requirement("S9")

@@ -243,10 +243,13 @@ class OneStops(Lockstep):
         """As long as one runs; the one that goes on last gives way."""
         if all(member.stopped for member in self.world.members):
             return
-        world, count = self.world, len(self.world.terms)
-        world.run(PATIENT_S)
-        assert len(world.terms) > count
-        assert sum(member in world.leaders for member in world.members if not member.stopped) == 1
+        world, count, end_s = self.world, len(self.world.terms), self.world.now_s + PATIENT_S
+        while True:
+            leaders = [not member.stopped for member in world.leaders]
+            if len(world.terms) > count and leaders.count(True) == 1:
+                return
+            assert world.now_s < end_s
+            world.run(0.5)
 
 
 for machine in (BothLive, OneStops):
