@@ -151,7 +151,12 @@ def test_the_recorder_falls_silent(launch, table, number):
     weld.record()
     first = weld.switch("decentral")
     weld.ticks(3)
+    roles = [*map(weld.roles, weld.supervisors)]
     weld.signal("recorder", number)
+    states = len(weld.states)
+    # the leader reports once a second: at the second report it waits for the recorder, and answers
+    # afterwards
+    weld.until(lambda: len(weld.states) > states + 2, "three states of the leader")
     weld.ticks(15)
     if number == signal.SIGSTOP:
         weld.signal("recorder", signal.SIGCONT)
@@ -160,6 +165,7 @@ def test_the_recorder_falls_silent(launch, table, number):
     outcome = weld.outcome(first)
     outcome.assert_steady()
     outcome.assert_sources("decentral")
+    assert [*map(weld.roles, weld.supervisors)] == roles
     table.add("recorder killed, or stopped and continued", "–", "none needed", outcome)
 
 

@@ -26,8 +26,8 @@ _LONGEST_END_S = 10.0
 #: Longest time to deliver a node's last messages: at load 30, retransmissions of lost packets took
 #: more than 1 s. A subscriber that was killed never acknowledges.
 _LAST_WORDS_S = 5.0
-#: in lockstep, time limit for a delivery on a busy machine, also to a dead node; well below the
-#: second after which a standby supervisor takes over (chosen)
+#: in lockstep, time limit for a delivery on a busy machine, also to a dead node; a standby
+#: supervisor allows for it before it counts its leader as dead (chosen)
 DELIVERY_S = 0.5
 #: time within which a signal takes effect in a node that only waits
 _LONGEST_WAIT_S = 0.2

@@ -23,9 +23,9 @@ from fsw_supervisor.tick import Decision, Tick
 LISTEN_S = 0.25
 #: the same if another node publishes commands but none has arrived yet [s]
 _LISTEN_LONG_S = 1.0
-#: on standby in lockstep: time for the leader to send what was decided here from the same inputs
-#: [s]
-_LOCKSTEP_WAIT_S = 1.0
+#: in lockstep, on standby: silence after which a leader counts as dead [s] (chosen: it publishes
+#: its state once a second, and a stalled recorder delays that by 0.5 s, ``DELIVERY_S``)
+_SILENT_S = 2.0
 #: on standby, after a stall: time for the queues to drain, in tick periods
 _DRAIN_TICKS = 0.3
 #: each takeover within this time doubles a standby's patience (exponential back-off), so that two
@@ -55,7 +55,9 @@ class Failover:
 
     On standby the arbiter decides every tick, sends nothing and adopts the leader's commands. When
     ``takeover_ticks`` ticks in a row went unanswered, as counted by the actuator end, the decision
-    on the present tick is sent under a new term.
+    on the present tick is sent under a new term. In lockstep an unanswered tick does not mean a
+    dead leader: simulated time stands while any process is late. There the standby takes over from
+    a leader of whom it hears nothing any more, neither commands nor its repeated state.
 
     ``identity`` is unique among supervisors. With ``standby`` it starts as standby; otherwise it
     leads unless another supervisor does.
@@ -76,12 +78,12 @@ class Failover:
         self._asserted_s = float("-inf")
         self._confirmed = False  #: the actuator end has reported the present lead
         self._tick = 0  # number of the last tick that this has seen begin
-        self._due_s = 0.0
-        self._drained = False
+        self._leader_heard = False  #: since the last call
         self._early: tuple[int, str, Command] | None = None
         self._takeovers_s: deque[float] = deque(maxlen=8)
         arbiter.machine.reported = Stop()
         arbiter.ticks.leading = False
+        self._await_leader(now_s)
 
     @property
     def signature(self) -> Signature:
@@ -135,6 +137,9 @@ class Failover:
     def pass_on(self, decisions: list[Decision], now_s: float) -> list[Decision]:
         """Return what may be published; call it with the decisions of each call of the arbiter."""
         self._called_s = now_s
+        if self._leader_heard and self._arbiter.lockstep:
+            self._await_leader(now_s)
+        self._leader_heard = False
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
                 return []
@@ -155,7 +160,7 @@ class Failover:
     def on_actuator(self, state: ActuatorState, now_s: float) -> None:
         """Take the actuator end's report, before the measurement that it came with."""
         before, self.actuator, self._reported_s = self.actuator, state, now_s
-        if before is not None and state.term > before.term:
+        if before is not None and before.leader and state.term > before.term:
             self._takeovers_s.append(now_s)
         self._heard_term = max(self._heard_term, state.term)
         self._confirmed |= state.leader == self._identity
@@ -186,7 +191,7 @@ class Failover:
             return
         if not leader or term < self._heard_term or refusal(command) is not None:
             return
-        self._heard_term = term
+        self._heard_term, self._leader_heard = term, True
         tick = self._arbiter.ticks.present
         age_ns = tick.stamp_ns - stamp_ns if tick is not None else -1
         if age_ns < 0:
@@ -208,14 +213,16 @@ class Failover:
         if self.role is Role.LISTENING:
             self.role = Role.STANDBY
         if self.role is Role.ACTIVE:
-            if self.leads or (term, leader) < (self.term, self._identity):
+            loses = (term, leader) < (self.term, self._identity)
+            # Of two that have sent under one term, the next report names the leader.
+            if self.leads or loses or (self.term and term == self.term):
                 # Rate-limited: two supervisors that both believe to lead would answer each other
                 # for ever.
                 if self._called_s - self._asserted_s >= self._arbiter.settings.tick_period_s:
                     self.asserting, self._asserted_s = True, self._called_s
                 return False
             self._step_down()
-        follows = term >= self._heard_term
+        follows = self._leader_heard = term >= self._heard_term
         self._heard_term = max(self._heard_term, term)
         return follows
 
@@ -229,18 +236,24 @@ class Failover:
         """Ticks unanswered in a row, the present one included, that trigger a takeover."""
         if self._arbiter.lockstep:  # there is no next tick before this one has its answer
             return 1
-        # Exponential back-off: 2, 4, 8 or 16 ticks.
+        return self._arbiter.settings.takeover_ticks * self._patience(now_s)
+
+    def _patience(self, now_s: float) -> int:
+        """Exponential back-off: 1, 2, 4 or 8 times the shortest wait."""
         recent = sum(now_s - time_s < _RECENT_S for time_s in self._takeovers_s)
-        return self._arbiter.settings.takeover_ticks * int(min(2**recent, _LARGEST_FACTOR))
+        return int(min(2**recent, _LARGEST_FACTOR))
+
+    def _await_leader(self, from_s: float) -> None:
+        """Give the leader time to answer; in lockstep, time to show that it is alive."""
+        wait_s = self._arbiter.settings.takeover_s(False)
+        if self._arbiter.lockstep:
+            wait_s = _SILENT_S * self._patience(from_s)
+        self._due_s, self._drained = from_s + wait_s, False
 
     def _takes_over(self, now_s: float) -> bool:
         tick = self._arbiter.ticks.present
         if tick is not None and self.machine.tick != self._tick:
             self._begin(tick)
-        decision = tick.outcome.decision if tick and tick.outcome else None
-        if self._arbiter.lockstep and tick and decision and not self._drained:
-            decided_s = tick.started_s + decision.latency_s
-            self._due_s = min(self._due_s, decided_s + _LOCKSTEP_WAIT_S)
         if self.role is Role.LISTENING:
             return now_s >= self._listening_ends_s
         if tick is None or now_s < self._due_s or self.actuator is None:
@@ -248,18 +261,23 @@ class Failover:
         # A leader whose commands arrive here but not at the actuator end does not lead.
         if self.unanswered + (not tick.answered) < self._needed(now_s):
             return False
+        if self._arbiter.lockstep and not tick.settled:  # perhaps the leader cannot decide either
+            return False
         if now_s > self._due_s + self._arbiter.settings.stall_tolerance_s and not self._drained:
             # This process was stalled: handle the queued messages first.
+            if self._arbiter.lockstep:
+                self._await_leader(now_s)
+            else:
+                self._due_s = now_s + _DRAIN_TICKS * self._arbiter.settings.tick_period_s
             self._drained = True
-            self._due_s = now_s + _DRAIN_TICKS * self._arbiter.settings.tick_period_s
             return False
         return True
 
     def _begin(self, tick: Tick) -> None:
         """Note that a tick has begun."""
         self._tick = self.machine.tick
-        self._due_s = tick.started_s + self._arbiter.settings.takeover_s(self._arbiter.lockstep)
-        self._drained = False
+        if not (self._arbiter.lockstep and self.unanswered):  # the last tick was answered
+            self._await_leader(tick.started_s)
         if self._early is not None and self._early[0] <= tick.stamp_ns:
             early, self._early = self._early, None
             if early[0] == tick.stamp_ns:
@@ -280,7 +298,7 @@ class Failover:
     def _lease_s(self) -> float:
         """Duration of a stall after which another supervisor may have taken over."""
         if self._arbiter.lockstep:
-            return self._arbiter.settings.takeover_s(True) / 2.0
+            return _SILENT_S / 2.0
         return SILENT_PERIODS * self._arbiter.settings.tick_period_s
 
     def _is_other(self, state: ActuatorState) -> bool:
@@ -299,5 +317,5 @@ class Failover:
         self.role, self.term, self.asserting = Role.STANDBY, 0, False
         self._tick = self.machine.tick
         # Without measurements, two would give way to each other as fast as messages travel.
-        self._due_s = self._called_s + self._arbiter.settings.takeover_s(self._arbiter.lockstep)
+        self._await_leader(self._called_s)
         self._arbiter.step_down()

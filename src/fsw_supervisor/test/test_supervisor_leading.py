@@ -149,6 +149,22 @@ def test_a_leader_steps_down_when_another_one_is_reported(leader, term, stays):
     assert (leader.failover.role is Role.ACTIVE) == stays, "a report of an earlier term is old"
 
 
+@pytest.mark.parametrize("identity", ["a", "z"])
+def test_between_two_leaders_of_one_term_the_actuator_end_decides(make_leader, identity):
+    leader = make_leader().run(2 * LISTEN_S)
+    while not leader.sent:
+        leader.measure()
+        leader.run(0.09)
+    rival = Signature(1, identity)
+    assert (leader.failover.term, leader.failover.leads) == (1, False), "no report yet"
+    assert not leader.failover.on_leader_state(rival)
+    assert leader.failover.role is Role.ACTIVE
+    other = Fence()
+    assert other.check(rival, "nmpc") is None
+    leader.failover.on_actuator(other.state, leader.now_s)
+    assert leader.failover.role is Role.STANDBY
+
+
 @pytest.mark.parametrize(("identity", "stays"), [("a", True), ("z", False)])
 def test_before_any_report_the_greater_identity_stays(make_leader, identity, stays):
     leader = make_leader().run(2 * LISTEN_S)
@@ -284,9 +300,7 @@ def test_a_standby_is_woken_when_the_leaders_answer_is_overdue(make_leader, lock
     assert standby.failover.wakeup_s is None
     standby.measure()
     assert standby.sent == []
-    # In lockstep it decides when the controllers had 0.3 s to report, and gives the leader one
-    # more second.
-    due_s = standby.now_s + (1.3 if lockstep else standby.arbiter.settings.takeover_s(lockstep))
+    due_s = standby.now_s + (2.0 if lockstep else standby.arbiter.settings.takeover_s(lockstep))
     while standby.sent == []:
         at_s = standby.failover.wakeup_s
         assert at_s is not None
@@ -326,9 +340,9 @@ def test_in_lockstep_a_standby_does_not_wait_out_the_deadlines_for_what_it_has_d
     patient = {"lockstep_deadline_s": 30.0, "lockstep_shadow_wait_s": 30.0}
     standby = make_leader(standby=True, lockstep=True, **patient)
     standby.measure()
-    standby.run(0.9)
+    standby.run(1.9)
     assert standby.failover.role is Role.STANDBY
-    standby.run(1.0)
+    standby.run(0.2)
     assert standby.failover.role is Role.ACTIVE
     assert [decision.stamp_ns for decision in standby.sent] == [standby.stamp_ns]
 
@@ -342,13 +356,36 @@ def test_in_lockstep_a_leader_that_answers_in_time_stays(make_leader):
     assert standby.failover.role is Role.STANDBY
 
 
-def test_lockstep_standby_takes_over_the_first_unanswered_tick(make_leader):
+@pytest.mark.requirement("S9")
+def test_in_lockstep_a_leader_that_repeats_its_state_stays_and_a_silent_one_does_not(make_leader):
+    """It may wait for a controller that has answered the standby."""
     standby = make_leader(standby=True, lockstep=True)
+    standby.fence.check(OTHER, "nmpc")
     standby.measure()
-    standby.run(standby.arbiter.settings.takeover_s(True) + 0.01)
+    for _ in range(20):
+        standby.run(1.7)
+        assert standby.failover.role is Role.STANDBY
+        assert standby.failover.on_leader_state(OTHER)
+        standby.run(0.0)
+    standby.run(1.9)
+    assert standby.failover.role is Role.STANDBY
+    standby.run(0.2)
     assert standby.failover.role is Role.ACTIVE
-    assert [decision.stamp_ns for decision in standby.sent] == [standby.stamp_ns]
     assert standby.arbiter.machine.mode is Mode.AUTO
+
+
+@pytest.mark.requirement("S9")
+def test_in_lockstep_a_standby_is_more_patient_after_a_takeover(make_leader):
+    standby = make_leader(standby=True, lockstep=True)
+    for term in (1, 2):
+        standby.measure()
+        answer(standby, signature=Signature(term, f"other{term}"))
+        standby.run(0.1)
+    standby.measure()
+    standby.run(3.9)
+    assert standby.failover.role is Role.STANDBY
+    standby.run(0.2)
+    assert standby.failover.role is Role.ACTIVE
 
 
 @pytest.mark.requirement("S9")
