@@ -131,6 +131,8 @@ def on_files(files: Any, config: Any) -> Any:
     pages["concepts/safety-requirements.md"] = safety_case.table(
         requirements, safety_case.marked(), results
     )
+    readme = (WORKSPACE / "README.md").read_text("utf-8")
+    pages["index.md"] = re.sub(r"\]\((?:docs/)?(?!\w+:)", lambda m: "](" if "docs" in m[0] else "](../", readme)
     for path in NOTEBOOKS.glob("*.py"):
         pages[f"gallery/{path.stem}.ipynb"] = notebook(path.read_text("utf-8"))
     for name, text in pages.items():

@@ -39,7 +39,7 @@ LINKED = ("scripts", "src", "lab", "quality", "test", "examples", "benchmarks", 
 #: ends within half an hour.
 MINUTES = {
     *("bags", "campaigns", "canister-heat", "canister-weld", "evidence", "history"),
-    *("identify", "learn-heat", "record"),
+    *("identify", "learn", "record"),
 }
 _COMMAND = re.compile(
     r"(\S*/)?(python3?|fsw|pip) |\S*/\S+\.py |(sed|echo|head|env|cmake|ros2|rosdep|colcon|fsw\.py) "
