@@ -419,7 +419,7 @@ def test_files_named_in_a_text_are_there(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     named = re.findall(r"`((?:src|lab|quality|test|scripts|benchmarks)/[\w./-]+\.\w+)`", text)
     assert [path for path in named if "NAME" not in path and not (WORKSPACE / path).exists()] == []
-    sources = re.findall(r"`((?:fsw_\w+/)?(?:\w+/)*\w+\.(?:py|c|h))`", text)
+    sources = re.findall(r"`(?!examples/)((?:\w+/)*\w+\.(?:py|c|h))`", text)
     assert [name for name in sources if "NAME" not in name and f"/{name} " not in tree()] == []
 
 
