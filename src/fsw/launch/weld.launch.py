@@ -1,4 +1,4 @@
-"""Starts a weld: plant or gateway to a machine, controllers, supervisors and, if wanted, recorder, player, page.
+"""Starts a weld: plant or gateway, controllers, supervisors; if asked for, recorder, player, page.
 
 With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and
 is steered by hand. So it does in real time after the programme of a weld was aborted: the safe
@@ -40,61 +40,69 @@ from fsw_scenario.scenario_file import load, parse, shipped
 ARGUMENTS = {
     "controllers": (
         "decentral,nmpc",
-        "Controllers that run, separated by commas; the first is applied at the start unless the scenario swaps "
-        "them; your own: MODULE:CLASS or FILE.py:CLASS",
+        "Controllers that run, separated by commas; the first is applied at the start unless the "
+        "scenario swaps them; your own: MODULE:CLASS or FILE.py:CLASS",
     ),
     "machine": (
         "",
-        "Machine file: the gateway to this machine runs instead of the emulated plant; empty: the plant",
+        "Machine file: the gateway to this machine runs instead of the emulated "
+        "plant; empty: the plant",
     ),
     "scenario": (
         "",
-        f"Scenario to play: path of a YAML file, or one of {', '.join(shipped())}; empty: control by hand",
+        f"Scenario to play: path of a YAML file, or one of {', '.join(shipped())}; "
+        "empty: control by hand",
     ),
     "record": ("false", "Whether a recorder runs"),
     "bag_dir": (
         "",
-        "Folder of the bag, must not exist; empty: out/weld_<date>-<time>. A restarted recorder continues beside it, "
-        "in <folder>_1",
+        "Folder of the bag, must not exist; empty: out/weld_<date>-<time>. "
+        "A restarted recorder continues beside it, in <folder>_1",
     ),
     "procedure": (
         "",
-        f"Welding procedure: YAML file, or one of {', '.join(procedures())}. Interlocks, limits of commands and the "
-        "page's bands follow from it, deviations are reported on /diagnostics, and the weld's record is written "
-        "into the bag's folder; empty: none",
+        f"Welding procedure: YAML file, or one of {', '.join(procedures())}. "
+        "Interlocks, limits of commands and the page's bands follow from it, "
+        "deviations are reported on /diagnostics, and the weld's record is written into the "
+        "bag's folder; empty: none",
     ),
     "require_signed": ("false", "Whether an unsigned procedure is refused"),
     "trusted": (
         "",
-        "Keys whose signatures of a procedure count: public key or list of them (YAML); empty: any",
+        "Keys whose signatures of a procedure count: public key or list of them "
+        "(YAML); empty: any",
     ),
     "standby": (
         "",
-        "Whether a second supervisor runs on standby and takes over when the first dies; empty: in real time",
+        "Whether a second supervisor runs on standby and takes over when the first dies; "
+        "empty: in real time",
     ),
     "heat": (
         "",
-        "Heat profile of the type of weld, from fsw.py learn (YAML); the player publishes it; empty: none",
+        "Heat profile of the type of weld, from fsw.py learn (YAML); "
+        "the player publishes it; empty: none",
     ),
     "monitor": ("false", "Whether the monitor watches the weld and names causes and advice"),
     "model_file": ("", "Model of this machine (YAML), for the monitor; empty: the paper's"),
     "covariance_file": (
         "",
-        "Covariance of that model, as `identify --covariance` writes it; empty: wide enough for a model within 10 %",
+        "Covariance of that model, as `identify --covariance` writes it; "
+        "empty: wide enough for a model within 10 %",
     ),
     "hmi": ("false", "Whether the operator's page is served; its address and a token are printed"),
     "hmi_port": ("8080", "Port of the operator's page; 0: any free one"),
     "realtime": ("true", "true: 10 Hz on the wall clock; false: simulated time"),
     "speed": (
         "",
-        "Pace of simulated time against the wall clock, 0: lockstep; empty: lockstep unless realtime",
+        "Pace of simulated time against the wall clock, 0: lockstep; "
+        "empty: lockstep unless realtime",
     ),
     "namespace": ("", "Namespace of all nodes and topics but /clock and /diagnostics"),
     "params_file": ("", "Parameter file that overrides config/weld.yaml and the scenario"),
     "autostart": (
         "true",
-        "Whether the managed nodes (plant, gateway, recorder) configure and activate themselves; false: they wait for "
-        "`ros2 lifecycle set`",
+        "Whether the managed nodes (plant, gateway, recorder) configure and activate themselves; "
+        "false: they wait for `ros2 lifecycle set`",
     ),
     "log_level": ("info", "Log level of all nodes"),
 }
@@ -219,7 +227,7 @@ def _package_of(program: str) -> str:
 
 
 def _respawn() -> dict[str, Any]:
-    """Options of a node that is started again when it dies, but not when it refuses its very first start.
+    """Options of a node that is restarted when it dies, but not when it refuses its first start.
 
     A later refusal does not end the weld: it may pass, as a full disk does.
     """
@@ -230,14 +238,15 @@ def _respawn() -> dict[str, Any]:
         first, ended = not ended, True
         if first and event.returncode == REFUSED:
             raise RuntimeError(
-                f"{event.process_name} refuses its parameters or arguments; the line it printed says why"
+                f"{event.process_name} refuses its parameters or arguments; "
+                "the line it printed says why"
             )
 
     return {"respawn": True, "respawn_delay": RESPAWN_DELAY_S, "on_exit": on_exit}
 
 
 def _after_player(realtime: bool) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
-    """What happens when the scenario player ends: the launch ends, but not a real-time weld in its safe stop."""
+    """End the launch with the scenario player, except for a real-time weld in its safe stop."""
 
     def on_exit(event: ProcessExited, _: LaunchContext) -> list[Any]:
         if realtime and event.returncode == ABORTED:

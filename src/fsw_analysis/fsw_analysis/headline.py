@@ -62,7 +62,10 @@ def title(rule: Rule) -> str:
 
 
 def page_account(account: Account, offset_s: float = 0.0) -> dict[str, Any]:
-    """Headline and places on the unrolled canister, ready for JSON; ``offset_s``: to the page's clock."""
+    """Headline and places on the unrolled canister, ready for JSON.
+
+    ``offset_s``: to the page's clock.
+    """
     rule = account.deciding
     good = rule.verdict is Verdict.ACCEPT
     place = account.course.place

@@ -310,7 +310,7 @@ def _phases(course: Course, procedure: Procedure) -> Iterator[Fact]:
 
 
 def _recording(course: Course, book: RuleBook, evidence: Evidence) -> Rule:
-    """Over a gap nothing is shown to be inside: one that is longer than an essential limit may be left rejects."""
+    """Reject a gap longer than an essential limit may be left: nothing shows it to be inside."""
     faults = [Fact.of(FactCode.PROBLEM, problem=problem) for problem in evidence.problems]
     if evidence.lost is None:
         faults.append(Fact.of(FactCode.LOST_UNKNOWN))

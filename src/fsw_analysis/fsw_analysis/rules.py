@@ -79,7 +79,8 @@ class FactCode(Worded):
     NO_MONITOR = "no_monitor", f"what a monitor would have found: none was recorded {_ABSENT}"
     NO_ALARMS = (
         "no_alarms",
-        f"whether there were alarms: the operator's page, which reports them, was not recorded {_ABSENT}",
+        "whether there were alarms: the operator's page, which reports them, "
+        f"was not recorded {_ABSENT}",
     )
     DAMAGE = "damage", "{problem}: what was there is not known"
     MACHINE_NOT_COMPARED = (
@@ -170,7 +171,7 @@ class Rule(Model):
 
 
 def decide(rules: Sequence[Rule]) -> Rule:
-    """The first of the rules with the worst verdict; of an accepted weld, that all rules are kept."""
+    """First rule with the worst verdict; for an accepted weld, that all rules are kept."""
     deciding = max(rules, key=lambda rule: _ORDER.index(rule.verdict))
     if deciding.verdict is not Verdict.ACCEPT:
         return deciding

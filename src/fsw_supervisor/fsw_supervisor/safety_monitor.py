@@ -106,7 +106,10 @@ def interlocks_from(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
 
 
 class Blindness:
-    """Sum of the time each sensor was invalid under automatic control; it decays ten times as slowly."""
+    """Sum of the time each sensor was invalid under automatic control.
+
+    It decays ten times as slowly.
+    """
 
     def __init__(self) -> None:
         self.limit_s = 0.0
@@ -235,7 +238,10 @@ class SafetyMonitor:
         )
 
     def judge(self, tick: Tick, acting: Command | None) -> None:
-        """Judge the samples of a tick; ``acting``: force and speed that act. A trip leads to a safe stop."""
+        """Judge the samples of a tick; ``acting``: force and speed that act.
+
+        A trip leads to a safe stop.
+        """
         before, reasons = self.invalid_sensors, self._guard.reasons
         tick.judged = self.judged = True
         missing = (name for name in REQUIRED if name not in tick.samples)
@@ -302,7 +308,7 @@ class SafetyMonitor:
                 self._machine.log(Level.INFO, "interlock", Code.CLEARED, interlock=cause)
 
     def _since_judged_s(self) -> float:
-        """Time since the last tick that was judged; one tick period for the first, and after a gap."""
+        """Time since the last judged tick; one tick period for the first, and after a gap."""
         before_ns, self._judged_ns = self._judged_ns, self._machine.time_ns
         elapsed_s = inf if before_ns is None else (self._machine.time_ns - before_ns) / NANOSECONDS
         return elapsed_s if elapsed_s <= GAP_S else self._machine.settings.tick_period_s
@@ -314,7 +320,9 @@ class SafetyMonitor:
         rejected: Mapping[str, float] | None = None,
         elapsed_s: float = weld.TICK_S,
     ) -> None:
-        """Compare values by quantity with the interlocks; a missing or non-finite value changes nothing.
+        """Compare values by quantity with the interlocks.
+
+        A missing or non-finite value changes nothing.
 
         ``rejected`` are samples that are not valid: one beyond a trip, infinity too, counts as
         such, any other changes nothing.
