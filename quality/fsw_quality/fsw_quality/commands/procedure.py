@@ -91,10 +91,8 @@ def show(arguments: argparse.Namespace) -> int:
     print(f"{procedure.title}\n{_identity(procedure)}\n")
     material, joint = procedure.material, procedure.geometry
     tool, machine = procedure.tool, procedure.machine
-    shape = (
-        f"probe {tool.probe_length_mm:g} mm, shoulder {tool.shoulder_diameter_mm:g} "
-        f"mm, {tool.shoulder}"
-    )
+    probe, shoulder = f"probe {tool.probe_length_mm:g} mm", f"{tool.shoulder_diameter_mm:g} mm"
+    shape = f"{probe}, shoulder {shoulder}, {tool.shoulder}"
     rows = [
         ("material", f"{material.name}, {material.thickness_mm:g} mm", material.source),
         ("joint", f"{joint.joint}, {joint.diameter_mm:g} mm", joint.source),

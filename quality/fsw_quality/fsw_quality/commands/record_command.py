@@ -39,7 +39,8 @@ from fsw_scenario.procedure import check_signed, load, shipped
     REQUIRE_SIGNED_PROCEDURE,
     FORMAT_BESIDE,
     FORCE,
-    description="Judge recorded welds by a procedure and write record.html, record.json and, with the extra pdf, record.pdf; a folder for each of several bags. The exit code is that of the writing, not of the verdict.",
+    description="Judge recorded welds by a procedure; write record.html, record.json, with extra "
+    "pdf, record.pdf, of several bags in a folder each. The exit code ignores the verdict.",
 )
 def record(arguments: argparse.Namespace) -> int:
     load(arguments.procedure)  # its mistakes are reported before anything else
