@@ -241,9 +241,10 @@ def test_each_node_has_a_test_that_is_run_without_full(safety_case: ModuleType) 
 def test_marks_are_read_without_an_import(safety_case: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "test_one.py"
     path.write_text(
-        'raise SystemExit\n@pytest.mark.slow\n@pytest.mark.requirement("S1", "S2")\ndef test_a(): ...\n'
-        '@pytest.mark.requirement("S2")\nclass Machine: ...\n@pytest.mark.skip("S3")\ndef test_b(): ...\n'
-        '@pytest.mark.full\n@pytest.mark.requirement("S4")\ndef test_c(): ...\n'
+        'raise SystemExit\n@pytest.mark.slow\n@pytest.mark.requirement("S1", "S2")\n'
+        'def test_a(): ...\n@pytest.mark.requirement("S2")\nclass Machine: ...\n'
+        '@pytest.mark.skip("S3")\ndef test_b(): ...\n@pytest.mark.full\n'
+        '@pytest.mark.requirement("S4")\ndef test_c(): ...\n'
     )
     assert safety_case.marked([path])["S4"] == [(path, "test_c")]
     assert safety_case.marked([path], full=False) == {

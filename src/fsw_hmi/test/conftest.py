@@ -34,7 +34,10 @@ def cheap_hashes():
 
 
 class Server:
-    """A server whose orders are kept in a queue; patient unless a test says otherwise: a machine may stand still."""
+    """A server whose orders are kept in a queue.
+
+    Patient unless a test says otherwise: a machine may stand still.
+    """
 
     def __init__(self, folder, **options):
         self.files = PageFiles("live", folder)

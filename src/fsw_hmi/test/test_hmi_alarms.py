@@ -1,4 +1,7 @@
-"""The list of alarms: its states, its order, what is told of it, floods, shelves and what came first."""
+"""The list of alarms.
+
+Its states, its order, what is told of it, floods, shelves and what came first.
+"""
 
 from dataclasses import replace
 

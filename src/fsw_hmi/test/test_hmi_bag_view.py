@@ -24,7 +24,10 @@ pytest.importorskip(
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Bag of a weld of 30 s: phases from 0 and 10 s, a hold, an operator's action, and a swap after 15 s."""
+    """Bag of a weld of 30 s.
+
+    Phases from 0 and 10 s, a hold, an operator's action, and a swap after 15 s.
+    """
     folder = tmp_path_factory.mktemp("weld") / "bag"
     write_programme_weld(folder)
     return folder

@@ -148,7 +148,10 @@ def test_safe_stop_on_this_computer_needs_no_login_unless_configured(room):
 
 
 class Misuse(RuleBasedStateMachine):
-    """Whatever anybody does: who knows the token gets in, and who has, or is on this computer, can stop, every time."""
+    """Whatever anybody does.
+
+    Who knows the token gets in, and who has, or is on this computer, can stop, every time.
+    """
 
     pages = Bundle("pages")
 

@@ -1,4 +1,7 @@
-"""Connections of strangers do not keep others out: the gate by itself, and before the real server."""
+"""Connections of strangers do not keep others out.
+
+The gate by itself, and before the real server.
+"""
 
 import contextlib
 import socket

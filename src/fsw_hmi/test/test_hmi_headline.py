@@ -1,4 +1,7 @@
-"""What the page says at its top, and what it flags: found by the server, by the rules that the weld is judged by."""
+"""What the page says at its top, and what it flags.
+
+Found by the server, by the rules that the weld is judged by.
+"""
 
 from __future__ import annotations
 

@@ -64,7 +64,10 @@ START_NS, TICK_NS = 1_700_000_000_000_000_000, 100_000_000
 
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
-    """A machine may stand still for some time; how long silence lasts until it is told, is tested by the clock."""
+    """A machine may stand still for some time.
+
+    How long silence lasts until it is told, is tested by the clock.
+    """
     for module in (alarm_rules, watch_ros):
         monkeypatch.setattr(module, "NO_REPORT_S", PATIENCE_S)
 
@@ -74,7 +77,10 @@ def states(frame):
 
 
 class Graph:
-    """Nodes in an executor of their own thread: the page, and one that stands in for all others."""
+    """Nodes in an executor of their own thread.
+
+    The page, and one that stands in for all others.
+    """
 
     def __init__(self, domain, token_file, monkeypatch, capsys, folder, request_timeout_s):
         self.context = Context()
@@ -103,7 +109,10 @@ class Graph:
         self.thread.start()
 
     def start_page(self):
-        """Start the page's server, again where one runs; in the executor's thread once that spins."""
+        """Start the page's server, again where one runs.
+
+        In the executor's thread once that spins.
+        """
         if self.hmi is not None:
             self.executor.remove_node(self.hmi)
             self.hmi.destroy_node()
@@ -138,7 +147,10 @@ class Graph:
 
 @pytest.fixture
 def graph(request, domain_id, tmp_path, monkeypatch, capsys, folder):
-    """Patient with the graph's answers: a machine may stand still for some time; tests of the patience give theirs."""
+    """Patient with the graph's answers: a machine may stand still for some time.
+
+    Tests of the patience give theirs.
+    """
     token_file = tmp_path / "token~"
     token_file.write_text(TOKEN)
     token_file.chmod(0o600)
