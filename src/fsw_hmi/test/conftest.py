@@ -99,7 +99,7 @@ def make_server(folder):
     yield make
     for server in servers:
         server.thread.stop()
-        wait_until(lambda one=server: not one.thread.alive, "the server's end")
+        wait_until(lambda stopped=server: not stopped.thread.alive, "the server's end")
 
 
 @pytest.fixture

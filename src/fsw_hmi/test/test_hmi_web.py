@@ -176,7 +176,7 @@ def test_request_goes_to_the_graph_and_is_answered_once(server):
         page.command(TOKEN)
         number = page.send("mode", mode="hold")
         orders = [server.next_order() for _ in range(2)]
-        assert [(one.asked, one.answer.outcome) for one in orders] == [
+        assert [(order.asked, order.answer.outcome) for order in orders] == [
             ("take control", "done"),
             ("mode hold", ""),
         ]
@@ -199,7 +199,7 @@ def test_request_goes_to_the_graph_and_is_answered_once(server):
             "done",
             None,
         )
-        assert all(one.who.startswith("anna (") for one in (*orders, released))
+        assert all(order.who.startswith("anna (") for order in (*orders, released))
 
 
 def test_everybody_sees_who_has_control_and_a_reload_frees_it(server):
@@ -283,7 +283,7 @@ def test_page_on_this_computer_stops_without_login_and_a_held_key_asks_once(serv
         page.ask("login", token="wrong", name="x")  # it has read all sixty
         server.answer(order)
         answers = [page.until("answer") for _ in numbers]
-        assert [(one["id"], one["outcome"]) for one in answers] == [
+        assert [(answer["id"], answer["outcome"]) for answer in answers] == [
             (number, "done") for number in numbers
         ]
         assert server.orders.empty()
