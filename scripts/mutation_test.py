@@ -11,7 +11,7 @@ continued and only survivors are run again; remove that folder to start over. Ch
 tried are counted separately.
 
 A change in Python takes 0.7 to 1.7 s of processor time, one in C, which is compiled, 4 s
-(measured): some 30 minutes for all on two idle cores.
+(measured): some 30 minutes for all on two idle cores, hours on busy ones.
 
 usage: mutation_test.py [--only WORD] [--out FILE]
 """
