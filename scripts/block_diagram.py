@@ -86,8 +86,7 @@ def svg(graph: str, title: str) -> str:
     right = max(x + width for x, _, width in boxes.values())
     parts = [
         f'<svg viewBox="0 0 {right + 4:g} {top + max(tall) + 6:g}" width="{right + 4:g}" '
-        'font-family="sans-serif" font-size="13" role="img">'
-        f"<title>{title}</title>"
+        f'font-family="sans-serif" font-size="13" role="img"><title>{title}</title>'
     ]
     for begin, end, label in arrows:
         (x0, y0, width0), (x1, y1, width1) = boxes[begin], boxes[end]

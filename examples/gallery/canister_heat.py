@@ -16,7 +16,6 @@ for minute in (1, 5, 10, 20, 30, 40):
     now = np.searchsorted(minutes, minute)
     power, speed = weld["truth_process_power_kw"][now], weld["truth_speed_rpm"][now]
     print(
-        f"{minute:3d} min: {power:5.1f} kW, {speed:5.1f} rpm hold "
-        f"{weld['truth_temperature_c'][now]:.1f} degC"
+        f"{minute:3d} min: {power:5.1f} kW, {speed:5.1f} rpm hold {weld['truth_temperature_c'][now]:.1f} degC"
     )
 weld.plot()

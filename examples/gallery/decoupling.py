@@ -29,8 +29,7 @@ both = fsw.compare(
 )
 for label, weld in both.items():
     print(
-        f"{label:<16} {weld.kpi['peak_temperature_in_depth_step_up_c']:5.2f} degC "
-        "beside the set-point"
+        f"{label:<16} {weld.kpi['peak_temperature_in_depth_step_up_c']:5.2f} degC beside the set-point"
     )
 both.plot(6)
 
