@@ -51,7 +51,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """What was imported and collected stays: the collector, which comes after every file, need not visit it again."""
+    """What was imported and collected stays.
+
+    The collector, which comes after every file, need not visit it again.
+    """
     gc.collect()
     gc.freeze()
 

@@ -1,4 +1,6 @@
-"""What all benchmarks share: their environment, command line, table, JSON file and page of results.
+"""What all benchmarks share.
+
+Their environment, command line, table, JSON file and page of results.
 
 Import it before all that the environment installs.
 """

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Depth on a machine that deflects and grows: true errors, detection of faulty channels, false isolations.
+"""Depth on a machine that deflects and grows.
+
+True errors, detection of faulty channels, false isolations.
 
 usage: depth.py [--quick] [--json FILE]
 
@@ -120,7 +122,10 @@ class Case(NamedTuple):
 
 
 def scenario_of(case: Case) -> Any:
-    """The weld as a scenario: constant set-points, the machine's biases as faults of its sensors."""
+    """The weld as a scenario.
+
+    Constant set-points, the machine's biases as faults of its sensors.
+    """
     draws = np.random.default_rng(case.machine)
     machine: dict[str, Any] = {name: float(draws.uniform(*ends)) for name, ends in MACHINE.items()}
     biases = {name: draws.normal(0.0, BIAS_MM) for name in DEPTH_CHANNELS}
@@ -228,7 +233,7 @@ def named_at(states: list[ChannelHealth], first: int) -> int | None:
 
 
 def least_delay_s(channel: str, mm_per_s: float) -> float:
-    """Time in which the best test of a drift with known begin and rate finds it in half of all cases.
+    """Time in which the best test of a drift of known begin and rate finds half of all cases.
 
     By Neyman and Pearson, on the white innovations of the estimator's own model: their mean under
     the drift, in standard deviations, must reach the threshold that a sound weld rarely exceeds.

@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""The first hour with do-mpc, python-control, GEKKO and this project, step by step; writes its page of results.
+"""The first hour with do-mpc, python-control, GEKKO and this project, step by step.
+
+Writes its page of results.
 
 usage: first_hour.py [--quick] [--json FILE]
 
-Each is installed by pip into an environment of its own, in a temporary folder. The others' examples
-come from their repositories (``git``), the steps and mistakes from first_hour.yaml.
+Each is installed by pip into an environment of its own, in a temporary folder. The others'
+examples come from their repositories (``git``), the steps and mistakes from first_hour.yaml.
 """
 
 from __future__ import annotations
@@ -127,8 +129,8 @@ class Environment:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         done = subprocess.run(
             [self._python, *arguments],
-            cwd=self._scratch, env=surroundings, capture_output=True, text=True, timeout=_LONGEST_S,
-            check=False,
+            cwd=self._scratch, env=surroundings, capture_output=True, text=True,
+            timeout=_LONGEST_S, check=False,
         )  # fmt: skip
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, done

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""What the graph of processes costs: ticks per second in lockstep, and at 10 Hz delay, processor, memory and start.
+"""What the graph of processes costs.
+
+Ticks per second in lockstep, and at 10 Hz delay, processor, memory and start.
 
 usage: graph.py [--quick] [--whole-weld] [--json FILE] [--out FOLDER]
 
@@ -47,7 +49,10 @@ def offline_steps_per_s(name, repetitions):
 
 
 def graph_steps_per_s(name, controllers, repetitions):
-    """Ticks per second and seconds from start to first tick; medians of several runs of the whole graph."""
+    """Ticks per second and seconds from start to first tick.
+
+    Medians of several runs of the whole graph.
+    """
     rates, starts = [], []
     for _ in range(repetitions):
         scenario = load(name)
@@ -64,7 +69,10 @@ def graph_steps_per_s(name, controllers, repetitions):
 
 
 def ten_hertz(name, folder, with_page=False):
-    """All nodes at 10 Hz: start, lost ticks, delay of the commands, processor and memory of each node."""
+    """All nodes at 10 Hz.
+
+    Start, lost ticks, delay of the commands, processor and memory of each node.
+    """
     graph = WeldGraph(
         load(name, ["controller=nmpc"]),
         folder,

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Known heat: what a profile learned from earlier welds of a type gains on canisters, and what a wrong one costs.
+"""Known heat: gain of a profile learned from earlier welds of a type, and cost of a wrong one.
 
 usage: heat.py [--quick] [--minutes N] [--json FILE]
 
@@ -34,8 +34,8 @@ from fsw_scenario.controllers import make_all
 from fsw_scenario.weld_programme import spans
 from fsw_tuning.standard_runs import on_all_cores
 
-#: welds of the campaign whose wall, rim and lid, and whose machine and tool, the types have; no two
-#: have the same walls, rims and lids
+#: welds of the campaign whose wall, rim and lid, and whose machine and tool, the types have; no
+#: two have the same walls, rims and lids
 TYPES = (0, 1, 4, 5)
 OF_TYPE = (
     *(f"plant.canister.{name}" for name in ("wall_mm", "rim_mm", "lid_mm")),
@@ -86,7 +86,10 @@ class Task(NamedTuple):
 
 
 class Raised:
-    """A controller with both set-points raised: no weld inside the limits is much hotter or deeper."""
+    """A controller with both set-points raised.
+
+    No weld inside the limits is much hotter or deeper.
+    """
 
     def __init__(self, controller):
         self._controller = controller
@@ -223,7 +226,7 @@ def tasks_of(kind, canister, profiles, models):
 
 
 def hottest(rows, profiles, models):
-    """A weld that shows whether the spindle is to blame, for each canister with a phase outside its limits."""
+    """A weld for each canister with a phase outside its limits, to blame the spindle or not."""
     for row in rows:
         task, phases = row["task"], row["phases"]
         if task.label == CONTROLLERS[-1] and not all(phases[name]["good"] for name in PHASES):
@@ -288,7 +291,8 @@ def figures_of(rows, end_deg=SHORT_DEG):
 def moved(rows):
     """By controller, how far its speed moves in the downward phase, and from there to the end.
 
-    Each with the median [rpm], and the median share in what the preset as shipped moves on the same canister.
+    Each with the median [rpm], and the median share in what the preset as shipped moves on the
+    same canister.
     """
     table = {}
     for phases in (PHASES[1:2], PHASES[1:]):
@@ -329,7 +333,7 @@ def inside(rows, without=()):
 
 
 def beyond(rows):
-    """Phases, by type and canister, that the highest speed leaves too cold even with raised set-points."""
+    """Phases, by type and canister, that top speed leaves too cold at raised set-points."""
     return {
         (row["task"].kind, row["task"].canister, phase)
         for row in rows
@@ -340,7 +344,10 @@ def beyond(rows):
 
 
 def outside(rows):
-    """Each phase outside its limits with what is known best: seconds outside, too cold, at the highest speed."""
+    """Each phase outside its limits with what is known best.
+
+    Seconds outside, too cold, at the highest speed.
+    """
     hot = {
         (row["task"].kind, row["task"].canister): row["phases"]
         for row in rows
@@ -365,7 +372,10 @@ def outside(rows):
 
 
 def comparison(rows):
-    """Of each weld its error in that of the same weld without profile: with the right ones, and with wrong ones."""
+    """Of each weld its error in that of the same weld without profile.
+
+    With the right ones, and with wrong ones.
+    """
     without = {
         (row["task"].kind, row["task"].canister): row
         for row in rows

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""The history of welds: false signals of stable welds, delays of shifts and wear, and the time for ten thousand welds.
+"""The history of welds.
+
+False signals of stable welds, delays of shifts and wear, and the time for ten thousand welds.
 
 usage: history.py [--quick] [--json FILE]
 
@@ -46,7 +48,10 @@ HISTORIES = 400
 
 
 def emulated(label, folder, seed):
-    """Row of a weld of four minutes: steps of the set-points, and a plant near its model; kept in the folder."""
+    """Row of a weld of four minutes: steps of the set-points, and a plant near its model.
+
+    Kept in the folder.
+    """
     file = folder / f"{label.replace(':', '_')}_{seed}.json"
     if file.is_file():
         return json.loads(file.read_text(encoding="utf-8"))
@@ -74,7 +79,7 @@ def emulated(label, folder, seed):
 
 
 def shares(name, draw, histories, groups=None):
-    """Shares of histories with a signal, noted as correlated, and with a signal but not noted as correlated.
+    """Shares of histories with a signal, noted as correlated, and with an unnoted signal.
 
     ``draw`` returns the quantities of a history, by name.
     """
@@ -91,7 +96,7 @@ def shares(name, draw, histories, groups=None):
 
 
 def stable(random, correlation=0.0, welds=WELDS):
-    """Quantities of stable welds, normally distributed far above the least spread that counts, or their logarithms."""
+    """Normally distributed quantities of stable welds, or their logarithms."""
     noise = random.normal(0.0, 1.0, (len(CHARTED), welds))
     for i in range(1, welds):
         noise[:, i] = correlation * noise[:, i - 1] + np.sqrt(1.0 - correlation**2) * noise[:, i]
@@ -104,7 +109,7 @@ def stable(random, correlation=0.0, welds=WELDS):
 
 
 def delays(random, histories, values_of, before):
-    """Median number of welds until a chart of a quantity signals behind ``before``, and share within ``WITHIN``."""
+    """Median number of welds until a chart signals behind ``before``; share within ``WITHIN``."""
     late = []
     for _ in range(histories):
         made = chart(values_of(random), LIMITS)
@@ -141,7 +146,7 @@ def signals(histories):
 
 
 def of_emulated(count, folder, histories):
-    """False signals and delay of wear in histories that are drawn from emulated welds, and these of each controller."""
+    """False signals and delay of wear in histories drawn from emulated welds, by controller."""
     figures, made = {"emulated_welds": count}, {}
     folder.mkdir(parents=True, exist_ok=True)
     for label in CONTROLLERS:
@@ -212,7 +217,10 @@ def _delay(figures, shift, before):
 
 
 def draw(welds, figure):
-    """Draw the charts of emulated welds to which wear is added; the tool is a new one after five sixths of them."""
+    """Draw the charts of emulated welds to which wear is added.
+
+    The tool is a new one after five sixths of them.
+    """
     new = 5 * len(welds) // 6
     made = [
         weld | {"torque_nm": weld["torque_nm"] + WEAR_NM * (i % new), "tool": f"T{1 + i // new}"}

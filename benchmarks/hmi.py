@@ -1,9 +1,11 @@
-"""The operator's page with many viewers: processor time of its server, and how old a tick is when it is seen.
+"""The operator's page with many viewers.
 
-Plant, both controllers, supervisor and the page's server run as processes in real time. The viewers
-are websockets in this process, and one is a browser, whose trends get 45 minutes of the past. A
-tick's age is from its stamp, at which the plant measures, to its arrival here, and in the browser
-to the first frame drawn with it.
+Processor time of its server, and how old a tick is when it is seen.
+
+Plant, both controllers, supervisor and the page's server run as processes in real time. The
+viewers are websockets in this process, and one is a browser, whose trends get 45 minutes of the
+past. A tick's age is from its stamp, at which the plant measures, to its arrival here, and in the
+browser to the first frame drawn with it.
 """
 
 from __future__ import annotations
@@ -47,7 +49,8 @@ window.WebSocket = class extends native {
       }
       if (frame.t !== 'tick') return;
       window.busy.push(spent);
-      requestAnimationFrame(() => setTimeout(() => window.ages.push(Date.now() - 1000 * frame.row[0])));
+      const drawn = () => window.ages.push(Date.now() - 1000 * frame.row[0]);
+      requestAnimationFrame(() => setTimeout(drawn));
     };
   }
 };

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""How well model parameters are identified: random plants, one closed-loop weld of five minutes each.
+"""How well model parameters are identified.
+
+Random plants, one closed-loop weld of five minutes each.
 
 Once without disturbances, and once with a random one of the process or a sensor in each weld: how
 often is a parameter then off by more than three of its standard deviations, and how often without
@@ -156,7 +158,8 @@ def of_disturbed(drawn):
         silent += off[worst] > BIASED and not told
         gross += largest[-1] > GROSS and not told
         print(
-            f"{off[worst]:5.1f} deviations, {100 * largest[-1]:5.1f} %, {worst:<22} {event} {told}",
+            f"{off[worst]:5.1f} deviations, {100 * largest[-1]:5.1f} %, "
+            f"{worst:<22} {event} {told}",
             file=sys.stderr,
         )
     return {
@@ -208,7 +211,7 @@ def of_whole_welds(drawn):
 
 
 def of_foreign(drawn):
-    """On how many canisters the identified model predicts better than the paper's, and ratios of the errors (RMS)."""
+    """Canisters on which the identified model predicts better than the paper's; ratios of RMS."""
     runs = results_of("canister", foreign, range(len(drawn)))
     result = {"foreign_canisters": len(runs)}
     for key in runs[0]:
@@ -220,7 +223,10 @@ def of_foreign(drawn):
 
 
 def foreign(index):
-    """Errors of predictions of another weld on a canister of the campaign: identified model over the paper's."""
+    """Errors of predictions of another weld on a canister of the campaign.
+
+    Identified model over the paper's.
+    """
     overrides = [
         f"{name}={json.dumps(of)}" for name, of in load("canisters").parameters(index).items()
     ]
@@ -250,7 +256,7 @@ def over_the_papers(judged, fit, settled):
 
 
 def of_sensors(drawn):
-    """Coverage of all intervals with other sensors, and errors of predictions over those of the paper's model."""
+    """Coverage of intervals with other sensors; errors of predictions over the paper's model's."""
     result = {}
     for kind in KINDS:
         sensors = SENSING.get(kind, {})
@@ -334,7 +340,10 @@ def sensed(job):
 
 
 def prediction_errors(segments, model, settled, lag_s=0.0):
-    """RMS error of a model one tick and 30 s ahead: of the change of an output, by the inputs and the other outputs."""
+    """RMS error of a model one tick and 30 s ahead.
+
+    Of the change of an output, by the inputs and the other outputs.
+    """
     found = {}
     for output, name in enumerate(OUTPUTS):
         for ticks in (1, 300):

@@ -1,4 +1,7 @@
-"""The welds that identification.py identifies: with random events, and with noise of other colours."""
+"""The welds that identification.py identifies.
+
+With random events, and with noise of other colours.
+"""
 
 import json
 import random
@@ -63,7 +66,7 @@ def welded(name, plant, event=None):
 
 
 def noisy(segment, correlations_s, seed):
-    """A segment with noise of the sensors' nominal size, in parts of equal variance with these correlation times."""
+    """A segment with nominal noise, in parts of equal variance with these correlation times."""
     names = ("sensors.depth_noise_mm", "sensors.temperature_noise_c", "sensors.torque_noise_nm")
     sizes = np.array([describe(PlantParameters)[name].default for name in names]) / np.sqrt(
         len(correlations_s)

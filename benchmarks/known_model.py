@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""What a perfectly known model, and a bank of filters over models, would gain over the identified one.
+"""Gain of a perfectly known model, and of a bank of filters, over the identified model.
 
 usage: known_model.py [--quick] [--json FILE]
 
@@ -66,7 +66,10 @@ class Task(NamedTuple):
 
 
 class Bank:
-    """NMPCs with different models, all warm; the command is their mean by the likelihood of what was measured."""
+    """NMPCs with different models, all warm.
+
+    The command is their mean by the likelihood of what was measured.
+    """
 
     def __init__(self, controllers):
         self._controllers = controllers

@@ -1,4 +1,6 @@
-"""At the emulated machine in real time: from a new value of the cycle counter to the set-point that answers it.
+"""At the emulated machine in real time.
+
+From a new value of the cycle counter to the set-point that answers it.
 
 Supervisor, NMPC, decentralized controller, gateway and machine run as processes. Times are the
 machine's own, from writing the counter to the heartbeat of the command; the cycles' intervals show

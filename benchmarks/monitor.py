@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""The watch within a weld: false alarms, detection delays and cost, on emulated welds without and with faults.
+"""The watch within a weld.
+
+False alarms, detection delays and cost, on emulated welds without and with faults.
 
 usage: monitor.py [--quick] [--json FILE] [--calibrate]
 
@@ -33,8 +35,8 @@ KNOWN = HEALTHY[:20]
 LONG, LONG_S = range(7500, 7506), 2700.0
 #: lengths of welds without a fault
 HEALTHY_S = {"none": DURATION_S, "identified": DURATION_S, "long": LONG_S}
-#: seeds of whole healthy welds that calibrate the level of alarms, and the share of such welds that
-#: may exceed it
+#: seeds of whole healthy welds that calibrate the level of alarms, and the share of such welds
+#: that may exceed it
 CALIBRATING, SHARE = range(5500, 5516), 0.01
 #: what a fault must be named within [s] (of gains: after the set-point that shows it has moved)
 AIMS_S = {
@@ -47,8 +49,8 @@ AIMS_S = {
 }
 #: not judged on a canister, whose heat is unknown
 OF_HEAT = "heat gain +20 %", "dead time +1.5 s"
-#: what a clairvoyant looks for: size of the fault; it knows cause, size and onset, so that it makes
-#: one test in a weld
+#: what a clairvoyant looks for: size of the fault; it knows cause, size and onset, so that it
+#: makes one test in a weld
 TRUE_SIZES = {
     "thermocouple 2 °C/min": 2.0 / 60.0,
     "depth sensor 0.03 mm/min": 0.03 / 60.0,
@@ -147,11 +149,11 @@ def largest(process, seed):
 
 
 def calibrate():
-    """Level that the largest ratio of a weld exceeds in the share that is allowed, by a Gumbel distribution.
+    """Level that the largest ratio of a weld exceeds in the allowed share (Gumbel).
 
-    It is the largest of all causes, onsets and times of a weld, so that the share is that of all of
-    them together; maxima of many dependent values tend to such a distribution (Gumbel, Statistics of
-    Extremes, 1958).
+    It is the largest of all causes, onsets and times of a weld, so that the share is that of all
+    of them together; maxima of many dependent values tend to such a distribution (Gumbel,
+    Statistics of Extremes, 1958).
     """
     with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
         maxima = list(pool.map(largest, *zip(*product(PROCESSES, CALIBRATING), strict=True)))
@@ -200,7 +202,10 @@ def summary(rows, process, case, model):
 
 
 def estimated(own, case):
-    """In how many welds the band of a fault's size contains the true one, and excludes 0; the band, all at both times."""
+    """In how many welds the band of a fault's size contains the true one, and excludes 0.
+
+    The band, all at both times.
+    """
     found = {}
     for name in ("minute", "end"):
         sizes = [row["sizes"][name] for row in own if name in row["sizes"]]
@@ -218,7 +223,10 @@ def estimated(own, case):
 
 
 def without_fault(rows, process):
-    """Of welds without a fault: in how many the band of each cause contains 0 at the end, and the band; and of all causes."""
+    """Of welds without a fault.
+
+    In how many the band of each cause contains 0 at the end, and the band; and of all causes.
+    """
     free = [row["sizes"] for row in rows if row["process"] == process and row["case"] in HEALTHY_S]
     found = {}
     for cause in dict.fromkeys(cause for sizes in free for cause in sizes):

@@ -1,4 +1,6 @@
-"""Emulated welds for the benchmark of the monitor: healthy plants drawn widely, and plants with a fault.
+"""Emulated welds for the benchmark of the monitor.
+
+Healthy plants drawn widely, and plants with a fault.
 
 Nothing of these draws sets a limit of the monitor. The coefficients of the plant differ from the
 monitor's model, the probe may lag, noise may be larger or coloured, and any tuning may command.
@@ -49,8 +51,8 @@ COEFFICIENTS = (
     "sticking_stress_pa",
 )
 SPREADS = 0.05, 0.1
-#: standard error of each when this machine was identified: 2 % by the identification, 2 % from weld
-#: to weld
+#: standard error of each when this machine was identified: 2 % by the identification, 2 % from
+#: weld to weld
 IDENTIFIED = 0.03
 NOISES = {"depth_noise_mm": 0.002, "torque_noise_nm": 2.0, "temperature_noise_c": 0.1}
 #: the canister of the scenario canister_weld_heat
@@ -116,7 +118,10 @@ def wear(nm_per_min):
 #: by name: event of the scenario, what acts on the plant, causes that name it (of Cause, in small
 #: letters), and the output whose set-point has to move before it shows
 CASES = {
-    **{f"{one} stuck": (fault(one, "freeze"), None, (f"{one}_stuck",), "") for one in ("depth", "torque")},
+    **{
+        f"{one} stuck": (fault(one, "freeze"), None, (f"{one}_stuck",), "")
+        for one in ("depth", "torque")
+    },
     "thermocouple stuck": (fault("thermocouple", "freeze"), None, ("thermocouple_stuck",), ""),
     "thermocouple detached": (
         fault("thermocouple", "drift", magnitude_c=-5.0),
@@ -124,15 +129,30 @@ CASES = {
         ("thermocouple_detached",),
         "",
     ),
-    "noise of depth tripled": (None, changed(sensors__depth_noise_mm=0.006), ("depth_noise_grown",), ""),
+    "noise of depth tripled": (
+        None,
+        changed(sensors__depth_noise_mm=0.006),
+        ("depth_noise_grown",),
+        "",
+    ),
     "thermocouple 2 °C/min": (
         fault("thermocouple", "drift", magnitude_c=2.0 / 60.0),
         None,
         ("thermocouple_drift",),
         "",
     ),
-    "depth sensor 0.03 mm/min": (fault("depth", "drift", magnitude_mm=0.03 / 60.0), None, ("depth_drift",), ""),
-    "torque sensor 10 N·m/min": (fault("torque", "drift", magnitude_nm=10.0 / 60.0), None, ("torque_drift",), ""),
+    "depth sensor 0.03 mm/min": (
+        fault("depth", "drift", magnitude_mm=0.03 / 60.0),
+        None,
+        ("depth_drift",),
+        "",
+    ),
+    "torque sensor 10 N·m/min": (
+        fault("torque", "drift", magnitude_nm=10.0 / 60.0),
+        None,
+        ("torque_drift",),
+        "",
+    ),
     "load cell +2 kN": (None, load_cell, ("load_cell_step",), ""),
     "tool wear 3 N·m/min": (wear(3.0), None, ("tool_wear",), ""),
     "tool wear 6 N·m/min": (wear(6.0), None, ("tool_wear",), ""),
@@ -142,13 +162,38 @@ CASES = {
         ("torque_gain",),
         "",
     ),
-    "depth gain +20 %": (None, changed(factors__depth_gain_mm_per_kn_s=1.2), ("depth_gain",), "depth_mm"),
-    "depth gain -20 %": (None, changed(factors__depth_gain_mm_per_kn_s=0.8), ("depth_gain",), "depth_mm"),
-    "heat gain +20 %": (None, changed(factors__thermal_gain_c_per_kw=1.2), ("heat_gain",), "temperature_c"),
-    "dead time +1.5 s": (None, changed(factors__dead_time_s=1.0 + 1.5 / 2.8), ("dead_time",), "temperature_c"),
+    "depth gain +20 %": (
+        None,
+        changed(factors__depth_gain_mm_per_kn_s=1.2),
+        ("depth_gain",),
+        "depth_mm",
+    ),
+    "depth gain -20 %": (
+        None,
+        changed(factors__depth_gain_mm_per_kn_s=0.8),
+        ("depth_gain",),
+        "depth_mm",
+    ),
+    "heat gain +20 %": (
+        None,
+        changed(factors__thermal_gain_c_per_kw=1.2),
+        ("heat_gain",),
+        "temperature_c",
+    ),
+    "dead time +1.5 s": (
+        None,
+        changed(factors__dead_time_s=1.0 + 1.5 / 2.8),
+        ("dead_time",),
+        "temperature_c",
+    ),
     "force drive sticks, 0.5 kN": (None, sticking, ("force_sticks", "force_lags"), ""),
-    "drives 0.5 s late": (None, changed(actuators__dead_time_ticks=5), ("force_lags", "speed_lags"), ""),
-}  # fmt: skip
+    "drives 0.5 s late": (
+        None,
+        changed(actuators__dead_time_ticks=5),
+        ("force_lags", "speed_lags"),
+        "",
+    ),
+}
 
 
 def plant_of(process, random, seed):
@@ -190,7 +235,7 @@ def identified(process, seed) -> tuple[ModelParameters, np.ndarray]:
 
 
 def scenario(process, seed, case, duration_s):
-    """A weld with random steps of the set-points, an unsteady torque, and an edge of the workpiece."""
+    """A weld with random set-point steps, an unsteady torque, and an edge of the workpiece."""
     random = draws(process, seed)
     plant = plant_of(process, random, seed)
     sine = {
@@ -243,7 +288,7 @@ def scenario(process, seed, case, duration_s):
 
 
 def weld(process, seed, case, duration_s=DURATION_S):
-    """The signals of a weld, and when the set-point moves first that shows the fault (None: it shows at once)."""
+    """Signals of a weld, and the first set-point move that shows the fault (None: at once)."""
     made, label = scenario(process, seed, case, duration_s)
     _, act, _, shown_by = CASES.get(case, (None, None, (), ""))
     loop = ClosedLoop(made, make_all(made, label, {}))

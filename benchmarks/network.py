@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""A weld over a network that loses, delays or is cut: plant and recorder on one computer, control on another.
+"""A weld over a network that loses, delays or is cut.
+
+Plant and recorder on one computer, control on another.
 
 The computers are two network namespaces of Linux with a TAP device each, between which a thread of
 this process carries the frames (``tc netem`` is not in every kernel). It needs root. Each weld is

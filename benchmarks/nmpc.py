@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Measures the NMPC: CPU time per controller step, quality against the converged problem, worst cases, memory.
+"""Measures the NMPC.
+
+CPU time per controller step, quality against the converged problem, worst cases, memory.
 
     python3 benchmarks/nmpc.py [--quick] [--json FILE]
 
@@ -7,11 +9,11 @@ Times are CPU times of the controller's thread for a whole step: estimator, traj
 acceptance, plan. ``rti`` is the default tuning with 20 blocks, ``rti108`` the same with a move of
 both inputs in every interval, ``paper`` the preset with the paper's cost, which has 108 moves too.
 
-``ratio_NAME`` is the CPU time of IPOPT, CasADi's SQP with PIQP, or FATROP over the library's, all cold
-on the same problems of a weld, with 108 moves; the library linearises three times, and the costs
-that all of them reach are compared. ``ratio_NAME_to_tick`` is over the one linearisation about the
-last plan that a tick does: its cost is compared too. The exit code is 1 if a solver does not agree
-on what its solution costs, or reaches another cost.
+``ratio_NAME`` is the CPU time of IPOPT, CasADi's SQP with PIQP, or FATROP over the library's, all
+cold on the same problems of a weld, with 108 moves; the library linearises three times, and the
+costs that all of them reach are compared. ``ratio_NAME_to_tick`` is over the one linearisation
+about the last plan that a tick does: its cost is compared too. The exit code is 1 if a solver does
+not agree on what its solution costs, or reaches another cost.
 """
 
 from __future__ import annotations
@@ -352,7 +354,7 @@ def ratios(quick: bool) -> _benchmark.Figures:
 
 
 def limits_of_fatrop(controller: NmpcController, problems: list[Any]) -> _benchmark.Figures:
-    """FATROP on the same problems in stages, the same with the tolerance that IPOPT meets, and without stages: medians."""
+    """Medians of FATROP on the problems in stages, with the tolerance of IPOPT, without stages."""
     library, model = controller.library, controller.settings.model
     cold = np.zeros(2 * library.horizon.n_blocks)
     ways: dict[str, ReferenceSolver | FatropSolver] = {
@@ -377,7 +379,7 @@ def limits_of_fatrop(controller: NmpcController, problems: list[Any]) -> _benchm
 
 
 def against_converged(quick: bool) -> _benchmark.Figures:
-    """Closed loop of the library's solver against the converged nonlinear problem (cold IPOPT at every tick)."""
+    """Closed loop of the library against the converged nonlinear problem (IPOPT, cold)."""
 
     def iae(rows: Vector, column: int) -> float:
         return float(0.1 * np.abs(rows[:, column] - rows[:, column + 2]).sum())

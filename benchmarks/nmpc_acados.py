@@ -3,12 +3,13 @@
 
     python3 benchmarks/nmpc_acados.py [--quick] [--json FILE]
 
-Preset ``default``, sensor noise, the weld of nmpc.py. In every tick both solve the same problem from the same last plan, with
-the same blocks of moves, cost and limits; the plan of one is applied. ``NAME_preparation_ms`` linearises and condenses,
-``NAME_feedback_ms`` solves the QP, with ``_p99``: the 99th percentile; ``own_ms`` is the library's, all together. Times are
-CPU times; what brings acados the problem's numbers and the last plan's states is not counted. ``move_difference`` is the
-largest between the first moves of both, in largest moves. The exit code is 1 if a loop needed a fallback, or 3 if acados is not
-available here.
+Preset ``default``, sensor noise, the weld of nmpc.py. In every tick both solve the same problem
+from the same last plan, with the same blocks of moves, cost and limits; the plan of one is
+applied. ``NAME_preparation_ms`` linearises and condenses, ``NAME_feedback_ms`` solves the QP, with
+``_p99``: the 99th percentile; ``own_ms`` is the library's, all together. Times are CPU times; what
+brings acados the problem's numbers and the last plan's states is not counted. ``move_difference``
+is the largest between the first moves of both, in largest moves. The exit code is 1 if a loop
+needed a fallback, or 3 if acados is not available here.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from fsw_test_support.nmpc_ipopt import largest_moves
 from fsw_test_support.nmpc_problems import solve, use_solver
 from fsw_test_support.nmpc_stages import Stages
 
-#: QP solvers of acados by the names of their figures, and stages after partial condensing; the first one is applied
+#: QP solvers of acados by the names of their figures, and stages after partial condensing; the
+#: first one is applied
 QPS = {
     "hpipm": ("full condensing, HPIPM", 0),
     "partial": ("partial condensing, HPIPM", 5),
@@ -37,7 +39,7 @@ _TICKS_LEFT_OUT = 10
 
 
 class SideBySide:
-    """Solves each problem by the library and by acados, and gives back the solution of ``applied``."""
+    """Solves each problem by the library and by acados; returns the solution of ``applied``."""
 
     name = "side by side"
 

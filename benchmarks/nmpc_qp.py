@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Measures the QP of the NMPC's tick: the library's solver beside the QP solvers that come with CasADi.
+"""Measures the QP of the NMPC's tick.
+
+The library's solver beside the QP solvers that come with CasADi.
 
     python3 benchmarks/nmpc_qp.py [--quick] [--json FILE]
 
@@ -64,7 +66,10 @@ REPEATS = 7
 
 @dataclass(frozen=True, slots=True)
 class Qp:
-    """min ½ x'Hx + g'x + constant with l ≤ Ax ≤ u, low ≤ x ≤ high; the first variables are the scaled moves."""
+    """min ½ x'Hx + g'x + constant with l ≤ Ax ≤ u, low ≤ x ≤ high.
+
+    The first variables are the scaled moves.
+    """
 
     h: Vector
     g: Vector
@@ -101,7 +106,7 @@ class Qp:
 
 
 def qp_of(library: Library, problem: Any, plan: Vector) -> Qp:
-    """The QP of a problem, linearised about a plan, with a variable for every violation and size of a move."""
+    """The QP of a problem about a plan, with a variable for every violation and move size."""
     h, t = library.horizon, library.state.tuning
     n = 2 * h.n_blocks
     largest = np.outer(h.block_reach, largest_moves(t)).ravel()

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""The paper's five statements about its Figs. 6 to 9: whether each holds, and by which number, per controller.
+"""The paper's five statements about its Figs.
+
+6 to 9: whether each holds, and by which number, per controller.
 
 usage: paper_statements.py [--quick] [--json FILE]
 
@@ -51,7 +53,10 @@ LABELS = (
 
 
 class Course(NamedTuple):
-    """What followed an event: errors of the outputs, and the inputs' changes since just before it."""
+    """What followed an event.
+
+    Errors of the outputs, and the inputs' changes since just before it.
+    """
 
     depth_mm: np.ndarray
     temperature_c: np.ndarray
@@ -118,7 +123,10 @@ def figures(courses: Mapping[str, Course]) -> dict[str, float]:
 
 
 def answers(own: Mapping[str, float], rival: Mapping[str, float]) -> dict[str, bool]:
-    """Whether each statement holds of a controller; ``rival`` is the decentralized one's numbers."""
+    """Whether each statement holds of a controller.
+
+    ``rival`` is the decentralized one's numbers.
+    """
     is_quick = max(own["force_half_s"], own["speed_half_s"]) <= QUICK_S
     return {
         "faster": all(own[key] < rival[key] for key in ("iae_depth_mm_s", "iae_temperature_c_s")),

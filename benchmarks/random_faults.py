@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Random faults in real time: parts are killed, stopped, cut off and flooded; what is lost, and how long it lasts.
+"""Random faults in real time: parts are killed, stopped, cut off and flooded.
+
+What is lost, and how long it lasts.
 
 Two graphs run at once, both with two controllers, two supervisors, a recorder and the operator's
 page: one with the emulated plant, one with the gateway and an OPC UA machine behind a proxy. A
@@ -193,10 +195,13 @@ def result(faults: dict[str, list[Row]], figures: Figures) -> str:
         key: sum(int(figures[f"{graph}_{key}"] or 0) for graph in TITLES)
         for key in ("ticks", "ticks_without_command", "bags", "bags_readable")
     }
-    return f"""**What is lost.** {count["trials"] - count["recovered"]} of {count["trials"]} trials did not recover.
-{sums["ticks_without_command"]} of {sums["ticks"]} ticks had no command of a controller; most in one trial, \
+    return f"""**What is lost.** \
+{count["trials"] - count["recovered"]} of {count["trials"]} trials did not recover.
+{sums["ticks_without_command"]} of {sums["ticks"]} ticks had no command of a controller; \
+most in one trial, \
 {lost["ticks_without_command_largest"]}, after `{lost["fault"]}`. The longest recovery
-was {slowest["recovery_largest_s"]:.1f} s, after `{slowest["fault"]}`; there were {count["safe_stops"]} safe stops. \
+was {slowest["recovery_largest_s"]:.1f} s, after `{slowest["fault"]}`; \
+there were {count["safe_stops"]} safe stops. \
 Of {sums["bags"]} bags {sums["bags_readable"]} are readable. The largest move of the
 set-points that the machine accepted was {figures["machine_largest_move_taken"]:.2f}.
 

@@ -17,7 +17,10 @@ _OFFSETS_S = (0, 3600, -3600, 10**6)
 
 
 def nonsense(newest_ns: int) -> dict[str, tuple[Any, str, Callable[[int], Any]]]:
-    """By name, type and topic, and what makes message number k; ``newest_ns`` is the stamp of the newest tick."""
+    """By name, type and topic, and what makes message number k.
+
+    ``newest_ns`` is the stamp of the newest tick.
+    """
 
     def stamped(message: Any, number: int) -> Any:
         stamp_ns = newest_ns + _OFFSETS_S[number % 4] * NANOSECONDS

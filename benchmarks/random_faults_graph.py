@@ -64,7 +64,7 @@ _FLOOD_PER_SPIN = 40
 
 
 def bags_in(folder: Path) -> dict[str, int]:
-    """How many bags are in a folder, how many of them can be read to their end, and commands in them."""
+    """Numbers of bags in a folder, of those readable to their end, and of their commands."""
     readable, recorded = 0, 0
     folders = sorted(path for path in folder.glob("bag*") if path.is_dir())
     for bag in folders:
@@ -193,7 +193,7 @@ class FaultyGraph(Spinner):
             child.process.send_signal(number)
 
     def cut_link(self, lasting_s: float) -> None:
-        """Break the connections between gateway and machine, and let nothing through for a while."""
+        """Break the connections between gateway and machine for a while."""
         assert self._proxy is not None
         self._proxy.stall()
         self._proxy.cut()
@@ -226,13 +226,13 @@ class FaultyGraph(Spinner):
         )
 
     def bags(self) -> dict[str, int]:
-        """How many bags there are, how many can be read to their end, and commands in them against those seen."""
+        """Numbers of bags, of readable ones, and of their commands against those seen."""
         return bags_in(self._folder) | {"commands": self.observer.seen}
 
     # ---------------------------------------------------------------- what is seen
 
     def healthy(self) -> bool:
-        """Whether all parts are there and each of the last ticks was answered with a controller's command."""
+        """Whether all parts are there and a controller answered each of the last ticks."""
         now_s = time.monotonic()
         running = all(child.running for child in self._launcher.children.values())
         good = running and self.observer.commanded(now_s) and self._page.answers(now_s)
@@ -249,14 +249,20 @@ class FaultyGraph(Spinner):
         away = [name for name, child in self._launcher.children.items() if not child.running]
         age_s = time.monotonic() - seen.ticks[-1][1] if seen.ticks else inf
         newest = [seen.answered.get(stamp_ns, "-") for stamp_ns, _ in list(seen.ticks)[-5:]]
-        return f"{state}; away: {away}; newest tick {age_s:.1f} s ago, answered by {newest}; page {self._page.is_there}"
+        return (
+            f"{state}; away: {away}; newest tick {age_s:.1f} s ago, answered by {newest}; "
+            f"page {self._page.is_there}"
+        )
 
     def spin_for(self, seconds: float) -> None:
         """Let time pass."""
         self.spin_until(lambda: False, seconds)
 
     def spin_until(self, condition: Callable[[], bool], patience_s: float) -> bool:
-        """Spin, start parts again and play the operator until a condition holds; returns whether it does."""
+        """Spin, start parts again and play the operator until a condition holds.
+
+        Returns whether it does.
+        """
         end_s = time.monotonic() + patience_s
         while time.monotonic() < end_s:
             self.spin()

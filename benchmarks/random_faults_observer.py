@@ -79,7 +79,7 @@ class Observer:
         }
 
     def commanded(self, now_s: float) -> bool:
-        """Whether each of the last ticks, all of this trial, was answered with a controller's command."""
+        """Whether a controller's command answered each of the last ticks, all of this trial."""
         last = list(self.ticks)[-HEALTHY_TICKS - 2 : -2]  # the newest may still be under way
         return (
             len(last) == HEALTHY_TICKS

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Reaction time and process safety time of the faults in the safety case, in simulated time, without middleware.
+"""Reaction and process safety times of the safety case's faults, simulated, one process.
 
 Each fault begins in a weld in equilibrium. With the supervisor's arbiter and the plant's watchdog,
 the reaction time is from the fault's onset to the first command or watchdog step of a safe stop,

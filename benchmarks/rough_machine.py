@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Coarse or noisy sensors and slow drives: the NMPC with and without what identification sees of them.
+"""Coarse or noisy sensors and slow drives.
+
+The NMPC with and without what identification sees of them.
 
 usage: rough_machine.py [--quick] [--json FILE]
 

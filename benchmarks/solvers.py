@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes docs/results/solvers.md, with its figure, from what nmpc_qp.py, nmpc.py and nmpc_acados.py have measured.
+"""Writes docs/results/solvers.md from measurements of nmpc_qp.py, nmpc.py, nmpc_acados.py.
 
 python3 benchmarks/nmpc_qp.py --json out/qp.json
 python3 benchmarks/nmpc.py --only-ratios --json out/nlp.json
@@ -95,7 +95,7 @@ def nlp_rows(figures: dict[str, Any]) -> list[Row]:
 
 
 def lost(tables: dict[str, list[Row]]) -> list[str]:
-    """Problems in which a solver takes less than twice the time of this project's, and the solvers."""
+    """Problems in which a solver takes less than twice this project's time, and the solvers."""
     close = {
         title: [row for row in rows if row.ratio is not None and row.ratio < _AIM]
         for title, rows in tables.items()
@@ -108,7 +108,7 @@ def lost(tables: dict[str, list[Row]]) -> list[str]:
 
 
 def combined(tables: dict[str, list[Row]]) -> list[list[str]]:
-    """Time of each solver over this project's by problem, the most problems solved and the fastest first."""
+    """Time of each solver over this project's by problem; most solved and fastest first."""
 
     def cell(row: Row | None) -> str:
         if row is None:

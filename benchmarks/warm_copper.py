@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The comparison's set-point steps and disturbances on warm copper of canisters that no controller knows.
+"""The comparison's set-point steps and disturbances on warm copper of unknown canisters.
 
 usage: warm_copper.py [--quick] [--json FILE]
 """
@@ -75,7 +75,7 @@ def case_on(index, case, controller):
 
 
 def errors(signals):
-    """IAE of the temperature once the copper is warm [degC s], and its mean error at the end [degC]."""
+    """IAE of the temperature on warm copper [degC s], and its mean error at the end [degC]."""
     wrong_c = np.abs(signals.truth.temperature_c - signals.reference_temperature_c)
     iae_c_s = TICK_S * wrong_c[signals.time_s > WARM_S].sum()
     return float(iae_c_s), float(wrong_c[-round(LAST_S / TICK_S) :].mean())

@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
-"""How the model of a machine gets better from weld to weld: identification with the last weld's estimate as the prior.
+"""How the model of a machine gets better from weld to weld.
+
+Identification with the last weld's estimate as the prior.
 
 usage: weld_to_weld.py [--quick] [--json FILE]
 
-Random machines, each with a series of short ordinary welds between which its process changes a little.
+Random machines, each with a series of short ordinary welds between which its process changes a
+little.
 """
 
 import _benchmark
@@ -57,7 +60,10 @@ def ordinary(model, seed):
 
 
 def series(job):
-    """By weld, each parameter's relative error with its standard deviation; strange welds; minutes of a weld."""
+    """By weld, each parameter's relative error with its standard deviation; strange welds.
+
+    Minutes of a weld.
+    """
     index, factors = job
     generator = np.random.default_rng((SEED, index))
     names = [name.removeprefix("factors.") for name in factors]
@@ -84,7 +90,7 @@ def series(job):
 
 
 def figures(runs):
-    """RMS of errors [%] and standard deviations, and the shares of true values inside the intervals."""
+    """RMS of errors [%] and deviations, and shares of true values inside the intervals."""
     found = {
         "machines": len(runs),
         "strange": sum(strange for _, strange, _ in runs),

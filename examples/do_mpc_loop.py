@@ -35,7 +35,10 @@ def controller(model, depth_mm, temperature_c, horizon=60):
 
 
 def acados_model():
-    """What acados' AcadosModel takes for a discrete model: names, symbols and the explicit step."""
+    """What acados' AcadosModel takes for a discrete model.
+
+    Names, symbols and the explicit step.
+    """
     discrete = fsw.model().discrete
     x, u = (ca.SX.sym(name, discrete.size1_in(name)) for name in ("x", "u"))
     after, y = discrete(x, u)

@@ -52,5 +52,6 @@ if __name__ == "__main__":
         step(plant, controller, number)
         if number % 50 == 0:
             print(
-                f"{0.1 * number:4.1f} s {plant.get('depth_mm'):.4f} mm {plant.get('temperature_c'):.2f} degC"
+                f"{0.1 * number:4.1f} s {plant.get('depth_mm'):.4f} mm "
+                f"{plant.get('temperature_c'):.2f} degC"
             )

@@ -1,4 +1,7 @@
-"""A controller of one's own: one class, one line to run it. It holds depth by force and leaves the speed alone."""
+"""A controller of one's own: one class, one line to run it.
+
+It holds depth by force and leaves the speed alone.
+"""
 
 from fsw_control import Command, Limits, Proposal, run_controller
 

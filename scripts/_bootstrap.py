@@ -79,7 +79,9 @@ def with_sourced_ros():
 
 
 def why_no_middleware():
-    """Why neither a ROS 2 is sourced nor its wheels can be used here, and the remedy; empty if one of them can.
+    """Why neither a ROS 2 is sourced nor its wheels can be used here, and the remedy.
+
+    Empty if one of them can.
 
     Without it welds run in one process.
     """
@@ -90,10 +92,16 @@ def why_no_middleware():
     libc, version = platform.libc_ver()
     old = libc != "glibc" or tuple(map(int, version.split(".")[:2])) < ROS_GLIBC
     if (sys.platform, platform.machine()) != ("linux", "x86_64") or old:
-        return f"the wheels of ROS 2 are for Linux on x86-64 with glibc {ROS_GLIBC[0]}.{ROS_GLIBC[1]}: source a ROS 2"
+        return (
+            "the wheels of ROS 2 are for Linux on x86-64 with glibc "
+            f"{ROS_GLIBC[0]}.{ROS_GLIBC[1]}: source a ROS 2"
+        )
     if not ROS_PYTHONS[0] <= sys.version_info[:2] <= ROS_PYTHONS[1]:
         first, last = map(_words, (max(OLDEST, ROS_PYTHONS[0]), ROS_PYTHONS[1]))
-        return f"the wheels of ROS 2 are for Python {first} to {last}: use one of these, or source a ROS 2"
+        return (
+            f"the wheels of ROS 2 are for Python {first} to {last}: use one of "
+            "these, or source a ROS 2"
+        )
     missing = {}
     if _interfaces.compiler() is None:
         missing["g++"] = "a C++ compiler"
@@ -124,7 +132,8 @@ def ensure(dev=False, oldest=False, extras=()):
     prefer_a_python_of_the_wheels()
     if sys.version_info < OLDEST:
         sys.exit(
-            f"needs Python {_words(OLDEST)} or newer, this is {sys.version.split()[0]} ({sys.executable})"
+            f"needs Python {_words(OLDEST)} or newer, this is {sys.version.split()[0]} "
+            f"({sys.executable})"
         )
     home = WORKSPACE / (
         ".venv-oldest" if oldest else ".venv-ros" if with_sourced_ros() else ".venv"
@@ -144,7 +153,8 @@ def ensure(dev=False, oldest=False, extras=()):
     if not inside and made_with not in ("", _minor(sys.version)):
         # nodes may be running in it
         print(
-            f"[set-up] {home.name} is of Python {made_with}; delete it to use {_minor(sys.version)}",
+            f"[set-up] {home.name} is of Python {made_with}; "
+            f"delete it to use {_minor(sys.version)}",
             file=sys.stderr,
         )
         _go_on(home)
@@ -177,7 +187,7 @@ def ensure(dev=False, oldest=False, extras=()):
 
 
 def prefer_a_python_of_the_wheels():
-    """Run this script again by a Python of the search path that the wheels of ROS 2 fit, if this one is another."""
+    """Run this script again by a Python that the wheels of ROS 2 fit, if this one is another."""
     first, last = max(OLDEST, ROS_PYTHONS[0]), ROS_PYTHONS[1]
     if with_sourced_ros() or first <= sys.version_info[:2] <= last:
         return
@@ -209,7 +219,7 @@ def _on_interrupt(handler):
 
 
 def start(program, extras=()):
-    """Continue in the project's environment and exit with the result of a node or a module's ``main``.
+    """Continue in the project's environment; exit with the result of a node or a ``main``.
 
     What commands and nodes need of extras is installed when they ask for it
     (``fsw_control.schema.extensions``).
@@ -281,7 +291,7 @@ def _stamp(lock):
 
 
 def _installed_from_source(home):
-    """Files of the environment, by path, that make it import from the source folders and know their entry points.
+    """Files, by path, by which the environment knows the source folders and their entry points.
 
     A .pth file, and for each distribution what an editable installation by pip leaves of its
     pyproject.toml.
@@ -328,7 +338,7 @@ def _is_from_source(home):
 
 
 def _install_from_source(home):
-    """Write what is missing or other than it was, and remove distributions that are there no longer."""
+    """Write files that are missing or differ, and remove distributions that are gone."""
     files = _installed_from_source(home)
     kept = {path.parent for path in files}
     for name in ("control", "quality", "lab"):
@@ -369,8 +379,8 @@ def _wait_for(turn):
 
 
 def _make(home, locks, turn):
-    # Every child holds the lock, too: one that outlives an interrupted script still writes to home.
-    # One without a lock installed may have been interrupted before pip was there.
+    # Every child holds the lock, too: one that outlives an interrupted script still writes to
+    # home. One without a lock installed may have been interrupted before pip was there.
     if _made_with(home) != _minor(sys.version) or not any(home.glob("*.installed")):
         print(
             f"[set-up] making {home.name} with Python {sys.version.split()[0]}",
@@ -389,7 +399,8 @@ def _make(home, locks, turn):
             )
         except subprocess.CalledProcessError as error:
             sys.exit(
-                f"{error.stdout}[set-up] cannot make {home}\n[set-up] on Debian or Ubuntu: apt install python3-venv"
+                f"{error.stdout}[set-up] cannot make {home}\n"
+                "[set-up] on Debian or Ubuntu: apt install python3-venv"
             )
     # those before the first one that is new are as they were; those after it may have other
     # versions of its packages
@@ -490,5 +501,6 @@ def _run_with_progress(command, what, turn):
     if process.returncode:
         tail = "".join(lines[-15:])
         sys.exit(
-            f"{tail}[set-up] could not install {what}; a package index must be reachable the first time"
+            f"{tail}[set-up] could not install {what}; "
+            "a package index must be reachable the first time"
         )

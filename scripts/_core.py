@@ -1,4 +1,6 @@
-"""The core without the other distributions: README's demo and the core's fast tests, in a copy that lacks them.
+"""The core without the other distributions.
+
+README's demo and the core's fast tests, in a copy that lacks them.
 
 The copy has the files that git knows or would add, and an environment of its own: hard links to
 that of this clone, but for what makes it import from here.

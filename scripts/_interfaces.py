@@ -1,4 +1,4 @@
-"""Builds interface packages (messages, services, actions) into an environment with the wheels of ROS 2.
+"""Builds interface packages (messages, services, actions) for the wheels of ROS 2.
 
 usage: python _interfaces.py [--prefix FOLDER] PACKAGE_FOLDER ...
 
@@ -37,7 +37,10 @@ FLAGS = ["-O1", "-fPIC", "-w", "-DNDEBUG"]
 
 
 def compiler() -> list[str] | None:
-    """Command of the C++ compiler: ``CXX``, or the first of c++, g++, clang++; None if there is none."""
+    """Command of the C++ compiler: ``CXX``, or the first of c++, g++, clang++.
+
+    None if there is none.
+    """
     candidates = [shlex.split(os.environ.get("CXX", "")), ["c++"], ["g++"], ["clang++"]]
     return next((command for command in candidates if command and shutil.which(command[0])), None)
 
@@ -48,7 +51,10 @@ def python_headers() -> Path:
 
 
 def _generate(folder: Path, build: Path) -> None:
-    """Write the sources of a package: ``build/idl``, one folder for each library, and ``build/python``."""
+    """Write the sources of a package.
+
+    ``build/idl``, one folder for each library, and ``build/python``.
+    """
     from rosidl_parser import parser
 
     parser.parse_idl_file = functools.cache(

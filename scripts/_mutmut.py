@@ -1,4 +1,6 @@
-"""mutmut for mutation_test.py: words are left as they are, tests are collected once, and survivors are printed as JSON.
+"""mutmut for mutation_test.py.
+
+Words are left as they are, tests are collected once, and survivors are printed as JSON.
 
 Words are what a person reads: strings with a space, f-strings, what is raised and what is logged.
 Mutants of them say nothing about a weld. mutmut itself can only leave out whole lines, and so
@@ -51,7 +53,10 @@ class _Visitor(file_mutation.MutationVisitor):
 
 
 def _collect_once(runner: ForkRunner) -> None:
-    """Collect the tests before a process is forked for each mutant; there, run quick ones first, until one fails."""
+    """Collect the tests before a process is forked for each mutant.
+
+    There, run quick ones first, until one fails.
+    """
     with change_cwd("mutants"):
         options = [*config().pytest_add_cli_args, *config().pytest_add_cli_args_test_selection]
         settings = _prepareconfig(["--rootdir=.", "--capture=sys", *options])

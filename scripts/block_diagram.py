@@ -85,8 +85,8 @@ def svg(graph: str, title: str) -> str:
         left += width + max([_GAP, *(_LETTER * length + 24 for length in labels)])
     right = max(x + width for x, _, width in boxes.values())
     parts = [
-        f'<svg viewBox="0 0 {right + 4:g} {top + max(tall) + 6:g}" width="{right + 4:g}" font-family="sans-serif" font-size="13" role="img">'
-        f"<title>{title}</title>"
+        f'<svg viewBox="0 0 {right + 4:g} {top + max(tall) + 6:g}" width="{right + 4:g}" '
+        f'font-family="sans-serif" font-size="13" role="img"><title>{title}</title>'
     ]
     for begin, end, label in arrows:
         (x0, y0, width0), (x1, y1, width1) = boxes[begin], boxes[end]
@@ -108,11 +108,14 @@ def svg(graph: str, title: str) -> str:
             )
         parts.append(f'<path d="{path}" {_LOOK}/><path d="{head}" fill="#333"/>')
         parts.append(
-            f'<text x="{0.5 * at[0]:g}" y="{0.5 * at[1] - 5:g}" text-anchor="middle" font-size="12" fill="#1f4e79" stroke="#fff" stroke-width="4" paint-order="stroke">{label}</text>'
+            f'<text x="{0.5 * at[0]:g}" y="{0.5 * at[1] - 5:g}" text-anchor="middle" '
+            'font-size="12" fill="#1f4e79" stroke="#fff" stroke-width="4" '
+            f'paint-order="stroke">{label}</text>'
         )
     for name, (x, y, width) in boxes.items():
         parts.append(
-            f'<rect x="{x:g}" y="{y - 0.5 * height[name]:g}" width="{width:g}" height="{height[name]}" rx="4" fill="#dce9f7" stroke="#333"/>'
+            f'<rect x="{x:g}" y="{y - 0.5 * height[name]:g}" width="{width:g}" '
+            f'height="{height[name]}" rx="4" fill="#dce9f7" stroke="#333"/>'
         )
         for i, line in enumerate(words[name]):
             at_y = y + _LINE * (i - 0.5 * len(words[name])) + 13

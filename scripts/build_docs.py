@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Builds the documentation as a site in out/site, with the reference made from the packages' own data.
+"""Builds the documentation as a site in out/site, with the packages' generated reference.
 
 usage: build_docs.py [--check]
 
@@ -45,7 +45,7 @@ VERDICT = WORKSPACE / "docs" / "results" / "nmpc-or-pi.md"
 
 
 def with_rows(page: str) -> str:
-    """The page with the rows of tables of the results that its marks ask for, as they are there now."""
+    """The page with the present rows of results tables that its marks ask for."""
 
     def rows(match: re.Match[str]) -> str:
         name, heading, labels = (
@@ -72,7 +72,10 @@ def with_rows(page: str) -> str:
 
 
 def with_packages(page: str) -> str:
-    """The page with the drawing of the packages; an arrow leads to what is needed, unless a longer way leads there."""
+    """The page with the drawing of the packages.
+
+    An arrow leads to what is needed, unless a longer way leads there.
+    """
     imports: dict[str, set[str]] = {}
     lines = ["```mermaid", "graph TD"]
     for folder in reversed(DISTRIBUTIONS):
@@ -130,6 +133,10 @@ def on_files(files: Any, config: Any) -> Any:
     )
     pages["concepts/safety-requirements.md"] = safety_case.table(
         requirements, safety_case.marked(), results
+    )
+    readme = (WORKSPACE / "README.md").read_text("utf-8")
+    pages["index.md"] = re.sub(
+        r"\]\((?:docs/)?(?!\w+:)", lambda m: "](" if "docs" in m[0] else "](../", readme
     )
     for path in NOTEBOOKS.glob("*.py"):
         pages[f"gallery/{path.stem}.ipynb"] = notebook(path.read_text("utf-8"))

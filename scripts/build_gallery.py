@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Runs the gallery's notebooks and writes them with what they print and draw as pages into docs/gallery.
+"""Runs the gallery's notebooks and writes their pages, with output and figures.
 
 usage: build_gallery.py [--out FOLDER] [NAME ...]
 

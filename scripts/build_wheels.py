@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Builds the wheels of fsw-control, fsw-quality and fsw-lab, and the source distribution of the first, into out/dist.
+"""Builds all wheels, and the source distribution of fsw-control, into out/dist.
 
 usage: build_wheels.py [--out FOLDER] [--host]
 

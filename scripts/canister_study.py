@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Welds random canisters that no controller knows, and writes the page of validation and verdict."""
+"""Welds random canisters that no controller knows; writes the page with the verdict."""
 
 from _bootstrap import start
 

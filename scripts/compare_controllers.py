@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Compares the NMPC with the decentralized controller, the paper's tuning and the clairvoyant optimum."""
+"""Compares NMPC, decentralized controller, the paper's tuning and the clairvoyant optimum."""
 
 from _bootstrap import start
 

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Counts the code lines (no blank ones, comments, docstrings) of each package and distribution, beside their budgets.
+"""Counts the code lines of packages and distributions (no blanks, comments, docstrings).
 
 usage: count_lines.py [REVISION]
 
-Tests are not counted. With a revision: also what they were there, and the difference. At the end the
-functions, classes and files that are longer than they should be.
+Tests are not counted. With a revision: also what they were there, and the difference. At the end
+the functions, classes and files that are longer than they should be.
 """
 
 import ast
@@ -39,8 +39,9 @@ BUDGETS = {
 #: most code lines of a unit of Python, and the least of a module that has no reason to be short
 LIMITS = {"function": 60, "class": 250, "file": 400}
 SHORT = 60
-#: short for a reason: what tools demand by name, thin nodes beside pure cores, a node's parameters,
-#: a study's command, scripts; and entry points, so that a command loads only what it needs
+#: short for a reason: what tools demand by name, thin nodes beside pure cores, a node's
+#: parameters, a study's command, scripts; and entry points, so that a command loads only what it
+#: needs
 _MAY_BE_SHORT = re.compile(
     r"(^|/)(__init__|setup|parameters|conftest|command)\.py$|_(ros|node)\.py$|^(scripts|examples)/"
 )
@@ -131,7 +132,10 @@ def _git(*words: str, **options: bytes) -> bytes:
 
 
 def sources(revision: str) -> Iterator[tuple[str, str]]:
-    """Path and text of each source file at a revision, else of the working tree; git reports its errors itself."""
+    """Path and text of each source file at a revision, else of the working tree.
+
+    Git reports its errors itself.
+    """
     if not revision:
         for name in sorted(
             set(_git("ls-files", "-z", "-co", "--exclude-standard").decode().split("\0"))
@@ -192,7 +196,7 @@ def _print(
 
 
 def main() -> int:
-    """Print a table of the packages, and one of the distributions whose last column is the budget."""
+    """Print a table of the packages, and one of the distributions with their budgets."""
     if sys.argv[1:2] in (["-h"], ["--help"]):
         print(__doc__)
         return 0

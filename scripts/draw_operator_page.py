@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Draws ``docs/figures/operator_page.png``: the page beside ``demo.py --live`` on the joint line, after four minutes.
+"""Draws ``docs/figures/operator_page.png``.
+
+The page beside ``demo.py --live`` on the joint line, after four minutes.
 
 On the way the NMPC is chosen by the page.
 """

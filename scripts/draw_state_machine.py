@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""Draws the supervisor's state machine into its documentation: ``draw_state_machine.py [FILE ...]``."""
+"""Draws the supervisor's state machine into its documentation.
+
+``draw_state_machine.py [FILE ...]``.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,8 @@ _NOTES = {
     Mode.AUTO: "applies the active controller's proposal, or a fallback's in the same tick",
     Mode.MANUAL: "moves to the operator's values within the move limits",
     Mode.HOLD: "repeats the last command",
-    Mode.SAFE_STOP: "ramps the force down with the spindle turning, left after an acknowledgement only",
+    Mode.SAFE_STOP: "ramps the force down with the spindle turning, "
+    "left after an acknowledgement only",
 }
 
 
@@ -54,7 +58,10 @@ def by_trigger() -> dict[tuple[str, str, str], list[str]]:
 
 
 def svg_diagram() -> str:
-    """The diagram for pages without mermaid: a line per mode; an arrow per trigger from the modes where it acts."""
+    """The diagram for pages without mermaid: a line per mode.
+
+    An arrow per trigger from the modes where it acts.
+    """
     x = {str(mode): 230 + 130 * i for i, mode in enumerate(Mode)}
     height, right = 40 + 26 * len(by_trigger()), max(x.values())
     lines = [

@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""The command line: control and simulate welds, inspect and judge bags, identify, tune, export, run campaigns."""
+"""The command line.
+
+Control and simulate welds, inspect and judge bags, identify, tune, export, run campaigns.
+"""
 
 from _bootstrap import start
 

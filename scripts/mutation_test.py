@@ -11,7 +11,7 @@ continued and only survivors are run again; remove that folder to start over. Ch
 tried are counted separately.
 
 A change in Python takes 0.7 to 1.7 s of processor time, one in C, which is compiled, 4 s
-(measured): some 30 minutes for all on two idle cores.
+(measured): some 30 minutes for all on two idle cores, hours on busy ones.
 
 usage: mutation_test.py [--only WORD] [--out FILE]
 """
@@ -78,7 +78,8 @@ MODULES = {
 ELSEWHERE = {"fsw_control": ("src/fsw_plant/test/test_plant_parts.py",)}
 #: tests that start nodes or processes are too slow for thousands of mutants
 _NOT_PURE = re.compile(
-    r"^\s*(?:import|from) (?:rclpy|subprocess|fsw_\w+\.launcher|asyncua|fsw_test_support\.machine)",
+    r"^\s*(?:import|from) "
+    r"(?:rclpy|subprocess|fsw_\w+\.launcher|asyncua|fsw_test_support\.machine)",
     re.M,
 )
 _CONFIGURATION = """
@@ -87,7 +88,8 @@ source_paths = ["{package}"]
 only_mutate = {files}
 also_copy = ["tests"]
 pytest_add_cli_args = [
-    "-q", "-x", "--import-mode=importlib", "-p", "no:cacheprovider", "-m", "not slow", "-k", "not diagram",
+    "-q", "-x", "--import-mode=importlib", "-p", "no:cacheprovider",
+    "-m", "not slow", "-k", "not diagram",
 ]
 pytest_add_cli_args_test_selection = ["tests"]
 use_git_change_detection = false
@@ -99,7 +101,8 @@ markers = ["slow", "requirement"]
 _CONFTEST = """
 from hypothesis import Phase, settings
 
-settings.register_profile("mutation", derandomize=True, deadline=None, phases=[Phase.explicit, Phase.generate])
+phases = [Phase.explicit, Phase.generate]
+settings.register_profile("mutation", derandomize=True, deadline=None, phases=phases)
 settings.load_profile("mutation")
 """
 
@@ -181,7 +184,10 @@ def _described(name: str, verdict: str, difference: str) -> Mutant:
 
 
 def c_mutants(only: str) -> list[Mutant]:
-    """Change a limit of a kernel, build it, and run the tests of that kernel's limits; a kill is kept."""
+    """Change a limit of a kernel, build it, and run the tests of that kernel's limits.
+
+    A kill is kept.
+    """
     result = []
     kept = CACHE / "killed.json"
     killed = set(json.loads(kept.read_text(encoding="utf-8"))) if kept.exists() else set()
@@ -245,7 +251,10 @@ def _run_tests(folder: Path, tests: Sequence[str]) -> subprocess.CompletedProces
 
 
 def _quick_compiler(folder: Path) -> Path:
-    """A script that compiles as usual, but optimises little: its flag is the last one, which counts."""
+    """A script that compiles as usual, but optimises little.
+
+    Its flag is the last one, which counts.
+    """
     script = folder / "quick_cc"
     script.write_text(f'exec {shlex.join(compiler() or ["cc"])} "$@" -O1\n', encoding="utf-8")
     return script
@@ -277,12 +286,17 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     lines = [
         "# Mutation testing",
         "",
-        "Would the tests notice a mistake in the safety-relevant code? `python3 scripts/mutation_test.py` makes small",
-        "changes to that code, one at a time, and runs its tests: a comparison reversed, a limit removed, a number",
-        "incremented. A change is noticed if a test fails or hangs, and survives if all tests pass. Message texts are",
-        "not changed. The changes of the C kernels (`.c`, `.h`) are listed by hand, about one for each limit.",
+        "Would the tests notice a mistake in the safety-relevant code? `python3 "
+        "scripts/mutation_test.py` makes small",
+        "changes to that code, one at a time, and runs its tests: a comparison reversed, "
+        "a limit removed, a number",
+        "incremented. A change is noticed if a test fails or hangs, "
+        "and survives if all tests pass. Message texts are",
+        "not changed. The changes of the C kernels (`.c`, `.h`) are listed by hand, "
+        "about one for each limit.",
         "",
-        "Some changes make no difference in practice, for example at exactly the number at which `<` and `<=` differ.",
+        "Some changes make no difference in practice, for example at exactly the number at which "
+        "`<` and `<=` differ.",
         "These are tolerated, each for a stated reason, but still count as not noticed.",
         "",
     ]
@@ -310,7 +324,8 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     lines += [
         table(rows),
         "",
-        "All changes that were not noticed, with the reason where one is tolerated: [mutants.csv](mutants.csv).",
+        "All changes that were not noticed, with the reason where one is "
+        "tolerated: [mutants.csv](mutants.csv).",
     ]
     return "\n".join(lines) + "\n"
 
@@ -342,7 +357,10 @@ def is_noticed(mutant: Mutant) -> bool:
 
 
 def main() -> int:
-    """Run all and write the result; the exit code is 1 when less than nine in ten changes are noticed."""
+    """Run all and write the result.
+
+    The exit code is 1 when less than nine in ten changes are noticed.
+    """
     command = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     command.add_argument(
         "--only",

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Fits the disturbances of the scenario `realistic` to published statistics, welds with it, and writes its page."""
+"""Fits the scenario `realistic` to published statistics, welds with it, writes its page."""
 
 from _bootstrap import start
 

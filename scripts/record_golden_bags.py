@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Records the golden bags of the regression test again: one small bag per paper scenario, with its figures of merit.
+"""Records the golden bags of the regression test again.
+
+One small bag per paper scenario, with its figures of merit.
 
 usage: record_golden_bags.py [BAG ...]
 
@@ -54,7 +56,7 @@ LARGEST_BYTES = 1_000_000
 
 
 def record(name: str, target: Path) -> None:
-    """Run the scenario of a bag in lockstep over DDS and keep what a replay and the figures of merit need."""
+    """Run a bag's scenario in lockstep over DDS; keep what replay and figures of merit need."""
     scenario_name, controller = BAGS[name]
     scenario = load(scenario_name, [f"controller={controller}"] if controller else [])
     with tempfile.TemporaryDirectory(prefix="fsw_golden_") as folder:
@@ -76,12 +78,16 @@ def record(name: str, target: Path) -> None:
     print(f"{target.relative_to(WORKSPACE)}: {size} bytes, {result['ticks']} ticks")
     if size > LARGEST_BYTES:
         raise SystemExit(
-            f"{target}: larger than {LARGEST_BYTES} bytes; shorten the scenario or record fewer topics"
+            f"{target}: larger than {LARGEST_BYTES} bytes; "
+            "shorten the scenario or record fewer topics"
         )
 
 
 def end_of_scenario(bag: Path, duration_s: float) -> int:
-    """Time after which no message of the scenario's ticks was received: topics overtake each other."""
+    """Time after which no message of the scenario's ticks was received.
+
+    Topics overtake each other.
+    """
     last_ns, end_ns = round((duration_s + 0.05) * 1e9), 0
     with BagReader(bag) as reader:
         for record in reader.records():

@@ -1,4 +1,7 @@
-"""Pages of the reference, made from the packages' own data: parameters, messages, files, command line, JSON Schemas."""
+"""Pages of the reference, made from the packages' own data.
+
+Parameters, messages, files, command line, JSON Schemas.
+"""
 
 from __future__ import annotations
 
@@ -96,7 +99,7 @@ def node_parameters() -> dict[str, type[NodeParameters]]:
 
 
 def parameters() -> dict[str, str]:
-    """Pages for the parameters of each node and the NMPC's tuning file, and a page that lists them."""
+    """Pages for each node's parameters and the NMPC's tuning file, and a list of them."""
     pages, rows = {"parameters-tuning": tuning_file()}, []
     for name, model in node_parameters().items():
         specs, about = describe(model), " ".join((model.__doc__ or "").split()).replace("``", "`")
@@ -106,10 +109,11 @@ def parameters() -> dict[str, str]:
         rows.append((f"[{heading}]({name}.md)", f"`{package}`", len(specs)))
     pages["parameters"] = page(
         "Parameters",
-        "One model per node has type, default, range, unit and meaning; `ros2 param describe` shows the same.",
-        "Every controller node has the parameters of [every controller node](parameters-controller.md) and its "
-        "own. The file that the NMPC's parameter `tuning_file` names has "
-        "[fields of its own](parameters-tuning.md).",
+        "One model per node has type, default, range, unit and meaning; "
+        "`ros2 param describe` shows the same.",
+        "Every controller node has the parameters of [every controller "
+        "node](parameters-controller.md) and its own. The file that the NMPC's parameter "
+        "`tuning_file` names has [fields of its own](parameters-tuning.md).",
         "",
         *table(("of", "package", "parameters"), rows),
     )
@@ -117,7 +121,10 @@ def parameters() -> dict[str, str]:
 
 
 def tuning_file() -> str:
-    """Fields of the NMPC's tuning file: trajectories, cost, estimator and what is used of its estimates."""
+    """Fields of the NMPC's tuning file.
+
+    Trajectories, cost, estimator and what is used of its estimates.
+    """
     presets = [Tuning.preset(name, nominal()) for name in ("default", "paper")]
 
     def rows(model: type[Model], place: str = "") -> Iterator[tuple[object, ...]]:
@@ -229,12 +236,12 @@ def scenarios() -> dict[str, str]:
         for name, (unit, step, rate) in LIMITS.items()
     )
     lines = [
-        "How to write one, with an example: [Write a scenario](../how-to/scenarios.md). The same as a JSON Schema, for "
-        "editors: [scenario.schema.json](scenario.schema.json).",
+        "How to write one, with an example: [Write a scenario](../how-to/scenarios.md). "
+        "The same as a JSON Schema, for editors: [scenario.schema.json](scenario.schema.json).",
         *model_tables(Scenario),
         "",
-        f"Largest change of a set-point in a phase: {changes}. The arc of a path is on a diameter of "
-        f"{CANISTER_DIAMETER_MM:g} mm.",
+        f"Largest change of a set-point in a phase: {changes}. "
+        f"The arc of a path is on a diameter of {CANISTER_DIAMETER_MM:g} mm.",
         "",
         "## Shipped scenarios",
         "",
@@ -248,8 +255,9 @@ def scenarios() -> dict[str, str]:
 def procedures() -> dict[str, str]:
     """A page of the keys of procedure files."""
     lines = [
-        "What a weld must keep, as data; how it is used: [The record of a weld](../how-to/record.md). The same as a "
-        "JSON Schema, for editors: [procedure.schema.json](procedure.schema.json).",
+        "What a weld must keep, as data; how it is used: [The record of a "
+        "weld](../how-to/record.md). The same as a JSON Schema, "
+        "for editors: [procedure.schema.json](procedure.schema.json).",
         *model_tables(Procedure),
     ]
     return {"procedures": page("Procedure files", *lines)}
@@ -258,19 +266,23 @@ def procedures() -> dict[str, str]:
 def evidence() -> dict[str, str]:
     """A page of the keys of manifests and attestations."""
     lines = [
-        "What they are for: [Evidence](../how-to/evidence.md). The same as JSON Schemas: "
-        "[manifest.schema.json](manifest.schema.json), [attestation.schema.json](attestation.schema.json).",
+        "What they are for: [Evidence](../how-to/evidence.md). "
+        "The same as JSON Schemas: [manifest.schema.json](manifest.schema.json), "
+        "[attestation.schema.json](attestation.schema.json).",
         "",
         "## manifest.json",
         *model_tables(Manifest, "###"),
         "",
         "## Signatures",
         "",
-        "`attestation.json` and each `FILE.sig` is a [DSSE envelope](https://github.com/secure-systems-lab/dsse) around an "
-        "[in-toto Statement](https://github.com/in-toto/attestation/blob/main/spec/v1/statement.md). Its subjects are the "
-        f"SHA-256 of the signed files; its predicate type is `{PREDICATE_TYPE}` and a purpose, "
-        f"{', '.join(f'`{purpose}`' for purpose in Purpose)}; its predicate has `signed_at`. The key id is the public key "
-        "as OpenSSH writes it.",
+        "`attestation.json` and each `FILE.sig` is a [DSSE "
+        "envelope](https://github.com/secure-systems-lab/dsse) "
+        "around an [in-toto "
+        "Statement](https://github.com/in-toto/attestation/blob/main/spec/v1/statement.md). "
+        "Its subjects are the SHA-256 of the signed files; "
+        f"its predicate type is `{PREDICATE_TYPE}` and a purpose, "
+        f"{', '.join(f'`{purpose}`' for purpose in Purpose)}; its predicate has `signed_at`. "
+        "The key id is the public key as OpenSSH writes it.",
         "",
         "## attestation.json: predicate",
         *model_tables(Attestation, "###"),
@@ -291,14 +303,17 @@ def command_line() -> str:
         one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)
     ).choices
     lines = [
-        "`scripts/fsw.py` has a verb for everything; installed as a package, the command is `fsw`.",
+        "`scripts/fsw.py` has a verb for everything; "
+        "installed as a package, the command is `fsw`.",
         "",
-        "Exit codes: 0 done, 1 not possible or a wrong value (one line says why), 2 an unknown or missing command or "
-        "option, 130 interrupted; others are with their command. `--out` is where results are written, and results that exist are replaced only "
-        "with `--force`; `--set` replaces a value of a scenario, `--parameter` one of a node that computes.",
+        "Exit codes: 0 done, 1 not possible or a wrong value (one line says why), 2 an unknown or "
+        "missing command or option, 130 interrupted; others are with their command. "
+        "`--out` is where results are written, and results that exist are replaced only with "
+        "`--force`; `--set` replaces a value of a scenario, "
+        "`--parameter` one of a node that computes.",
         "",
-        "Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, `--params-file` and `--log-level`; `--help` "
-        "lists their parameters.",
+        "Nodes (`scripts/run_*.py`) take `--ros-args` with `-p`, `-r`, "
+        "`--params-file` and `--log-level`; `--help` lists their parameters.",
         "",
         *(line for verb in verbs.values() for line in command(verb)),
     ]

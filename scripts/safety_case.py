@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""The safety case: each requirement of docs/concepts/safety.yaml with its tests and the outcome of their last run.
+"""The safety case.
+
+Each requirement of docs/concepts/safety.yaml with its tests and the outcome of their last run.
 
 usage: safety_case.py --publish [pytest arguments]
 
@@ -42,9 +44,10 @@ TESTS = ("src/*/test", "quality/*/test", "lab/*/test", "test", "quality/test", "
 KINDS = ("passed", "failed", "skipped", "left out")
 HEAD = """# Safety requirements and their tests
 
-The requirements of [the safety case](safety.md), from `docs/concepts/safety.yaml`, each with the tests that are marked
-with it, for example by `@pytest.mark.requirement("S1")`. `scripts/test.py --lint` fails when a requirement has no test,
-when a mark names an unknown requirement, or when a requirement belongs to no hazard of the safety case.
+The requirements of [the safety case](safety.md), from `docs/concepts/safety.yaml`, each with the
+tests that are marked with it, for example by `@pytest.mark.requirement("S1")`.
+`scripts/test.py --lint` fails when a requirement has no test, when a mark names an unknown
+requirement, or when a requirement belongs to no hazard of the safety case.
 `scripts/safety_case.py --publish` runs the tests and writes the last column.
 """
 
@@ -52,7 +55,9 @@ when a mark names an unknown requirement, or when a requirement belongs to no ha
 def marked(
     paths: Iterable[Path] | None = None, full: bool = True
 ) -> dict[str, list[tuple[Path, str]]]:
-    """Tests by the requirement in ``@pytest.mark.requirement("S1", ...)``; by default the project's. Imports none.
+    """Tests by the requirement in ``@pytest.mark.requirement("S1", ...)``.
+
+    By default the project's. Imports none.
 
     Without ``full`` those are left out that only ``scripts/test.py --full`` runs.
     """
@@ -215,10 +220,10 @@ def _coverage(rows: Sequence[Mapping[str, Any]]) -> str:
     inside = sum(row["reaction_s"] is not None and row["beyond_s"] == 0.0 for row in dangerous)
     stopped = sum(row["reaction_s"] is not None for row in dangerous)
     return (
-        f"Of {len(rows)} faults, {len(dangerous)} pass a limit within 120 s if nothing reacts. Of these, {inside} stay"
-        f" inside it, {stopped - inside} are stopped after it was passed, {len(dangerous) - stopped} not at all:"
-        f" a coverage of {100 * inside // len(dangerous)} % inside the limit, of"
-        f" {100 * stopped // len(dangerous)} % at all."
+        f"Of {len(rows)} faults, {len(dangerous)} pass a limit within 120 s if nothing reacts. "
+        f"Of these, {inside} stay inside it, {stopped - inside} are stopped after it was passed, "
+        f"{len(dangerous) - stopped} not at all: a coverage of {100 * inside // len(dangerous)} % "
+        f"inside the limit, of {100 * stopped // len(dangerous)} % at all."
     )
 
 

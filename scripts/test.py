@@ -78,7 +78,10 @@ def run(title: str, *command: str) -> int:
 
 
 def rewrite_assertions() -> None:
-    """Let pytest prepare all files of tests, in two halves; at the first run each worker would do all of it."""
+    """Let pytest prepare all files of tests, in two halves.
+
+    At the first run each worker would do all of it.
+    """
     if any((WORKSPACE / "test" / "__pycache__").glob("*-pytest-*.pyc")):
         return
     print("== preparing the tests", flush=True)

@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""Welds a series of canisters and writes its history, records and report: weld_series.py [--welds N] [--out DIR]."""
+"""Welds a series of canisters and writes its history, records and report.
+
+Weld_series.py [--welds N] [--out DIR].
+"""
 
 from _bootstrap import start
 

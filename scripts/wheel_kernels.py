@@ -1,4 +1,6 @@
-"""Build hook of the wheel: gets uPlot for the page, compiles the kernels, and says for which machine they are.
+"""Build hook of the wheel.
+
+Gets uPlot for the page, compiles the kernels, and says for which machine they are.
 
 ``FSW_WHEEL_PLATFORM``, e.g. ``manylinux_2_17_aarch64``, names another machine: then the ziglang
 wheel compiles. Where no C compiler is found, the wheel is made without libraries; they are
@@ -28,7 +30,8 @@ def zig_target(platform: str) -> str:
     found = re.fullmatch(r"manylinux_(\d+)_(\d+)_(x86_64|aarch64)", platform)
     if found is None:
         sys.exit(
-            f"{PLATFORM}={platform}: give a tag such as manylinux_2_17_x86_64 or manylinux_2_17_aarch64"
+            f"{PLATFORM}={platform}: give a tag such as manylinux_2_17_x86_64 or "
+            "manylinux_2_17_aarch64"
         )
     return f"{found[3]}-linux-gnu.{found[1]}.{found[2]}"
 

@@ -1,4 +1,6 @@
-"""The tests of whole welds are all slow; those of graphs that run against the clock run last, and by themselves.
+"""The tests of whole welds are all slow.
+
+Those of graphs that run against the clock run last, and by themselves.
 
 Among the other tests of faults and those of the page at a weld each says so itself: most are in
 lockstep.

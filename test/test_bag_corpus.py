@@ -1,4 +1,6 @@
-"""One weld in the bags of other recorders, versions and accidents: the same figures from each, and its recovered copy.
+"""One weld in the bags of other recorders, versions and accidents.
+
+The same figures from each, and its recovered copy.
 
 Each form follows a public report or a version of rosbag2. What each form can lose is tested beside
 the reader.
@@ -30,11 +32,12 @@ from fsw_test_support.sample_weld import write_sample_weld
 TICKS = 120
 HOUR_NS = 3_600_000_000_000
 SQL = {
-    1: "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)",
-    2: "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT, "
-    "offered_qos_profiles TEXT)",
-    4: "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT, "
-    "offered_qos_profiles TEXT, type_description_hash TEXT)",
+    1: "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, "
+    "serialization_format TEXT)",
+    2: "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, "
+    "serialization_format TEXT, offered_qos_profiles TEXT)",
+    4: "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, "
+    "serialization_format TEXT, offered_qos_profiles TEXT, type_description_hash TEXT)",
 }
 
 
@@ -107,13 +110,17 @@ def write_mcap(
 def write_sqlite(
     path: Path, source: Source, version: int, journal: str = "DELETE"
 ) -> sqlite3.Connection:
-    """One sqlite3 file with rosbag2's tables of a version: 1 before Foxy, 2 Foxy, 3 Humble, 4 Iron to Rolling."""
+    """One sqlite3 file with rosbag2's tables of a version.
+
+    1 before Foxy, 2 Foxy, 3 Humble, 4 Iron to Rolling.
+    """
     base = sqlite3.connect(path, isolation_level=None)
     base.execute(f"PRAGMA journal_mode={journal}")
     base.execute("PRAGMA wal_autocheckpoint=0")
     base.execute(SQL[max(known for known in SQL if known <= version)])
     base.execute(
-        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, "
+        "timestamp INTEGER, data BLOB)"
     )
     if version >= 3:
         base.execute(
@@ -123,12 +130,13 @@ def write_sqlite(
             "INSERT INTO schema VALUES (?, ?)", (version, "humble" if version == 3 else "rolling")
         )
         base.execute(
-            "CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER, metadata TEXT)"
+            "CREATE TABLE metadata(id INTEGER PRIMARY KEY, "
+            "metadata_version INTEGER, metadata TEXT)"
         )
     if version >= 4:
         base.execute(
-            "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, encoding TEXT, "
-            "encoded_message_definition TEXT, type_description_hash TEXT)"
+            "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, "
+            "encoding TEXT, encoded_message_definition TEXT, type_description_hash TEXT)"
         )
     numbers = {name: number for number, name in enumerate(source.topics, 1)}
     for name, topic in source.topics.items():

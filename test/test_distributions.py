@@ -1,4 +1,7 @@
-"""Three distributions, one direction: the core knows nothing of quality and lab, which register what they add."""
+"""Three distributions, one direction.
+
+The core knows nothing of quality and lab, which register what they add.
+"""
 
 import ast
 import re

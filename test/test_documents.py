@@ -38,7 +38,7 @@ PARSERS = {
     "run_machine_server.py": cache(machine_server_parser),
 }
 PROGRAM = re.compile(r"(\.venv/bin/python|python3|(scripts/)?fsw\.py|fsw|scripts/\w+\.py) ")
-FOLDERS = ("scripts/", "src/", "test/", "examples/", "benchmarks/", "docs/")
+FOLDERS = ("scripts/", "src/", "lab/", "quality/", "test/", "examples/", "benchmarks/", "docs/")
 
 
 def commands_of(text: str) -> list[str]:
@@ -241,9 +241,10 @@ def test_each_node_has_a_test_that_is_run_without_full(safety_case: ModuleType) 
 def test_marks_are_read_without_an_import(safety_case: ModuleType, tmp_path: Path) -> None:
     path = tmp_path / "test_one.py"
     path.write_text(
-        'raise SystemExit\n@pytest.mark.slow\n@pytest.mark.requirement("S1", "S2")\ndef test_a(): ...\n'
-        '@pytest.mark.requirement("S2")\nclass Machine: ...\n@pytest.mark.skip("S3")\ndef test_b(): ...\n'
-        '@pytest.mark.full\n@pytest.mark.requirement("S4")\ndef test_c(): ...\n'
+        'raise SystemExit\n@pytest.mark.slow\n@pytest.mark.requirement("S1", "S2")\n'
+        'def test_a(): ...\n@pytest.mark.requirement("S2")\nclass Machine: ...\n'
+        '@pytest.mark.skip("S3")\ndef test_b(): ...\n@pytest.mark.full\n'
+        '@pytest.mark.requirement("S4")\ndef test_c(): ...\n'
     )
     assert safety_case.marked([path])["S4"] == [(path, "test_c")]
     assert safety_case.marked([path], full=False) == {
@@ -286,8 +287,16 @@ def test_the_sites_state_diagram_has_every_mode_and_transition() -> None:
     assert shown.count("<circle") == len(drawing.TRANSITIONS)
 
 
-#: words of a page that is written by hand
-_MOST_WORDS = 900
+#: pages that are written by hand, and words of each
+_MOST_PAGES, _MOST_WORDS = 45, 900
+_GUIDES = [
+    *(page for page in WORKSPACE.glob("*.md") if page.stem != "CHANGELOG"),
+    *(
+        page
+        for name in ("concepts", "how-to", "reference")
+        for page in (WORKSPACE / "docs" / name).glob("*.md")
+    ),
+]
 #: hazards, fault model and exceptions are read together by who assesses the safety
 _LONGER = {"safety": 1350}
 #: pages of results that studies and benchmarks write from their templates
@@ -322,9 +331,11 @@ def words_in(text: str) -> int:
     return sum(any(map(str.isalnum, word)) for word in text.split())
 
 
-@pytest.mark.parametrize(
-    "page", sorted((WORKSPACE / "docs").rglob("*.md")), ids=lambda page: page.stem
-)
+def test_pages_by_hand_are_few() -> None:
+    assert len(_GUIDES) <= _MOST_PAGES
+
+
+@pytest.mark.parametrize("page", sorted({*_GUIDES, *PAGES}), ids=lambda page: page.stem)
 def test_no_page_is_too_long_to_be_read(page: Path) -> None:
     text, name = page.read_text(encoding="utf-8"), page.relative_to(WORKSPACE)
     if page.parent.name == "results" and page.stem in _GENERATED:
@@ -397,13 +408,20 @@ def test_the_reference_has_all_messages_parameters_and_commands(generated: dict[
     assert [verb for verb in verbs if f"## {verb}\n" not in generated["command-line"]] == []
 
 
+@cache
+def tree() -> str:
+    """Paths of all sources, each followed by a space."""
+    files = (path for folder in FOLDERS for path in (WORKSPACE / folder).rglob("*.[pch]*"))
+    return "".join(f"{path} " for path in files)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_files_named_in_a_text_are_there(page: Path) -> None:
-    named = re.findall(
-        r"`((?:src|lab|quality|test|scripts|benchmarks)/[\w./-]+\.\w+)`",
-        page.read_text(encoding="utf-8"),
-    )
+    text = page.read_text(encoding="utf-8")
+    named = re.findall(r"`((?:src|lab|quality|test|scripts|benchmarks)/[\w./-]+\.\w+)`", text)
     assert [path for path in named if "NAME" not in path and not (WORKSPACE / path).exists()] == []
+    sources = re.findall(r"`(?!examples/)((?:\w+/)*\w+\.(?:py|c|h))`", text)
+    assert [name for name in sources if "NAME" not in name and f"/{name} " not in tree()] == []
 
 
 @pytest.mark.parametrize(
@@ -411,7 +429,8 @@ def test_files_named_in_a_text_are_there(page: Path) -> None:
     [
         *WORKSPACE.glob("*.md"),
         *WORKSPACE.glob("src/*/README.md"),
-        *WORKSPACE.glob("studies/*/README.md"),
+        *WORKSPACE.glob("quality/*/README.md"),
+        *WORKSPACE.glob("lab/**/README.md"),
     ],
 )
 def test_links_outside_the_site_lead_to_a_file(page: Path) -> None:

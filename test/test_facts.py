@@ -78,7 +78,10 @@ def is_constant(node: ast.AST) -> bool:
 
 
 def reads(node: ast.AST) -> bool:
-    """Whether a sentence is read: ``text.startswith(...)``, ``re.search(..., text)``, ``"x" in text``."""
+    """Whether a sentence is read.
+
+    ``text.startswith(...)``, ``re.search(..., text)``, ``"x" in text``.
+    """
     if isinstance(node, ast.Match):
         return holds_prose(node.subject)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):

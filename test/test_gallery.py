@@ -31,7 +31,8 @@ def test_the_page_shows_the_notebook_as_it_is(notebook):
     ]
     shown = re.findall(r"!\[[^]]+, figure \d\]\((.*?)\)", page.read_text(encoding="utf-8"))
     assert shown == [path.name for path in sorted(PAGES.glob(f"{notebook.stem}_[0-9].png"))]
-    assert f"(gallery/{notebook.stem}.md)" in (PAGES.parent / "index.md").read_text("utf-8")
+    guide = (PAGES.parent / "how-to" / "python.md").read_text("utf-8")
+    assert f"(../gallery/{notebook.stem}.md)" in guide
 
 
 @pytest.mark.slow

@@ -1,4 +1,6 @@
-"""Recorded welds stay what they were: their figures of merit, and the proposals of the controllers that run on them.
+"""Recorded welds stay what they were.
+
+Their figures of merit, and the proposals of the controllers that run on them.
 
 When a change of plant or controllers is meant, record the bags again with
 ``scripts/record_golden_bags.py``.

@@ -41,7 +41,10 @@ def fsw(graph, capsys, monkeypatch):
 
 @pytest.fixture
 def patient(fsw):
-    """Run the command until it ends well and says these words; where the machine stands still, it does not at once."""
+    """Run the command until it ends well and says these words.
+
+    Where the machine stands still, it does not at once.
+    """
 
     def run(*arguments, words=()):
         end_s = time.monotonic() + PATIENCE_S

@@ -1,4 +1,7 @@
-"""A supervisor dies in lockstep: the one that replaces it gets the graph going again, in the tick that stands."""
+"""A supervisor dies in lockstep.
+
+The one that replaces it gets the graph going again, in the tick that stands.
+"""
 
 import pytest
 import rclpy
@@ -22,7 +25,10 @@ controller: decentral
 
 
 class SlowGraph(WeldGraph):
-    """A graph in lockstep whose time limits are of no help: they are longer than the test waits."""
+    """A graph in lockstep whose time limits are of no help.
+
+    They are longer than the test waits.
+    """
 
     def parameter_file(self, scenario_file):
         """Content of the parameter file."""

@@ -1,4 +1,7 @@
-"""The packages of the workspace: what they import is what their package.xml says, and every arrow points down."""
+"""The packages of the workspace.
+
+What they import is what their package.xml says, and every arrow points down.
+"""
 
 import ast
 import re
@@ -445,7 +448,10 @@ def test_dependencies_are_known_to_rosdep_and_named_once(package: Path) -> None:
 
 
 def test_numbers_of_the_weld_are_those_of_the_model_and_of_the_plant() -> None:
-    """``fsw_control`` must not import the model, and a rate is not a step: the same facts in other words."""
+    """``fsw_control`` must not import the model, and a rate is not a step.
+
+    The same facts in other words.
+    """
     model, plant = nominal(), defaults(PlantParameters)
     assert weld.TICK_S == STEP_S
     assert (model.operating_depth_mm, model.operating_temperature_c) == (

@@ -1,4 +1,7 @@
-"""Parts of a weld are killed and started again after its set-points have changed: all follow those in force."""
+"""Parts of a weld are killed and started again after its set-points have changed.
+
+All follow those in force.
+"""
 
 import pytest
 import rclpy
@@ -127,7 +130,10 @@ def make_weld(tmp_path, domain_id):
 
 
 def until_shown(capsys, depth_mm):
-    """Ask for the status until it has this set-point; where the machine stands still, it hears of it too late."""
+    """Ask for the status until it has this set-point.
+
+    Where the machine stands still, it hears of it too late.
+    """
 
     def is_shown():
         main(["status", "--timeout", "20"])
@@ -137,7 +143,10 @@ def until_shown(capsys, depth_mm):
 
 
 def obeyed(weld, capsys, condition, *arguments):
-    """Ask until a condition holds: where the machine stands still, a request is refused or lost with its leader."""
+    """Ask until a condition holds.
+
+    Where the machine stands still, a request is refused or lost with its leader.
+    """
     while not condition():
         main([*arguments, "--timeout", "20"])
         capsys.readouterr()

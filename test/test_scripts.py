@@ -60,8 +60,14 @@ def test_help_lists_the_parameters_and_wrong_names_are_refused(script, tmp_path)
 
 
 def test_a_test_that_holds_the_interpreters_lock_for_ever_ends_the_run(tmp_path):
-    """As Fast DDS does: the run ends, and says which test and where. With workers in place of dead ones xdist waits."""
-    ends = "import ctypes\n\ndef test_{0}(): pass\n\ndef test_stuck(): ctypes.PyDLL(None).sleep({1})\n"
+    """As Fast DDS does: the run ends, and says which test and where.
+
+    With workers in place of dead ones xdist waits.
+    """
+    ends = (
+        "import ctypes\n\ndef test_{0}(): pass\n\n"
+        "def test_stuck(): ctypes.PyDLL(None).sleep({1})\n"
+    )
     for name, stuck_s in (("first", 0), ("last", 600)):
         (tmp_path / f"test_{name}.py").write_text(ends.format(name, stuck_s))
     project = SCRIPTS.parent
@@ -110,7 +116,8 @@ def test_lines_are_counted_now_and_at_another_revision():
     ("text", "language", "lines"),
     [
         (
-            '"""Of a module."""\n\n# why\ndef f():\n    """Of it.\n\n    More.\n    """\n    return """a\n\nb"""\n',
+            '"""Of a module."""\n\n# why\ndef f():\n    """Of it.\n\n    More.\n    """\n'
+            '    return """a\n\nb"""\n',
             "Python",
             4,
         ),
@@ -148,7 +155,10 @@ def test_an_environment_that_cannot_be_written_is_said_in_short(tmp_path):
     (tmp_path / "requirements").mkdir()
     for name in (".venv.lock", ".venv-ros.lock"):
         (tmp_path / name).mkdir(parents=True)
-    program = f"import sys; sys.path.insert(0, {str(tmp_path / 'scripts')!r}); import _bootstrap; _bootstrap.ensure()"
+    program = (
+        f"import sys; sys.path.insert(0, {str(tmp_path / 'scripts')!r}); import _bootstrap; "
+        "_bootstrap.ensure()"
+    )
     ran = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=600, check=False
     )
@@ -160,7 +170,10 @@ def test_an_environment_that_cannot_be_written_is_said_in_short(tmp_path):
 
 
 def test_an_environment_of_another_python_is_used_and_not_made_again(tmp_path):
-    """Nodes may be running in it. By a copy of the folder, whose environment tells what it is asked to run."""
+    """Nodes may be running in it.
+
+    By a copy of the folder, whose environment tells what it is asked to run.
+    """
     (tmp_path / "scripts").mkdir()
     script = tmp_path / "scripts" / "run.py"
     script.write_text("import _bootstrap\n_bootstrap.ensure()\n")
@@ -234,8 +247,8 @@ def test_ctrl_c_gives_no_traceback_not_even_while_libraries_are_loaded(
     text = f"import os, signal\n{while_imported}\ndef main():\n    {in_main}\n"
     (tmp_path / "command_of_test.py").write_text(text, encoding="utf-8")
     program = (
-        f"import sys; sys.path[:0] = [{str(SCRIPTS)!r}, {str(tmp_path)!r}]\n"
-        "import _bootstrap; _bootstrap.ensure = lambda **_: None; _bootstrap.start('command_of_test')"
+        f"import sys; sys.path[:0] = [{str(SCRIPTS)!r}, {str(tmp_path)!r}]\nimport _bootstrap; "
+        "_bootstrap.ensure = lambda **_: None; _bootstrap.start('command_of_test')"
     )
     ran = subprocess.run(
         [sys.executable, "-c", program],

@@ -1,4 +1,7 @@
-"""Sensor faults in the closed loop, by the plant's true values: the weld stops in time, and the cause is named."""
+"""Sensor faults in the closed loop, by the plant's true values.
+
+The weld stops in time, and the cause is named.
+"""
 
 import re
 from pathlib import Path

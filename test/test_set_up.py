@@ -1,4 +1,7 @@
-"""The set-up of the environment: which Python, whether ROS 2 can be had, and building messages for it."""
+"""The set-up of the environment.
+
+Which Python, whether ROS 2 can be had, and building messages for it.
+"""
 
 import fcntl
 import os
@@ -13,7 +16,10 @@ BEGIN = f"import sys; sys.path.insert(0, {str(SCRIPTS)!r}); import _bootstrap, _
 
 
 def in_python(program, *arguments, **environment):
-    """Run a program that has imported ``_bootstrap``, outside of any sourced ROS 2; returns its output."""
+    """Run a program that has imported ``_bootstrap``, outside of any sourced ROS 2.
+
+    Returns its output.
+    """
     kept = {
         name: value
         for name, value in os.environ.items()
@@ -46,7 +52,8 @@ def in_python(program, *arguments, **environment):
             "headers (Debian, Ubuntu: apt install",
         ),
         (
-            "import os; os.environ |= {'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/opt'}; sys.platform = 'any'",
+            "import os; os.environ |= {'ROS_DISTRO': 'jazzy', 'AMENT_PREFIX_PATH': '/opt'}; "
+            "sys.platform = 'any'",
             "",
         ),
     ],

@@ -1,4 +1,7 @@
-"""The wheels in an empty environment outside the repository: the command, and welds without ROS 2."""
+"""The wheels in an empty environment outside the repository.
+
+The command, and welds without ROS 2.
+"""
 
 import os
 import subprocess

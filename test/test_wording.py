@@ -1,4 +1,7 @@
-"""Tests compare codes, names and figures, not wording: sentences in asserts and ``match=`` may only become fewer."""
+"""Tests compare codes, names and figures, not wording.
+
+Sentences in asserts and ``match=`` may only become fewer.
+"""
 
 from __future__ import annotations
 

@@ -68,7 +68,10 @@ def found(folder):
 
 
 def command(log, *arguments):
-    """A campaign as a process, in a session of its own; its workers outlive it a little when it is killed."""
+    """A campaign as a process, in a session of its own.
+
+    Its workers outlive it a little when it is killed.
+    """
     with log.open("w") as stream:
         return subprocess.Popen(
             [sys.executable, str(SCRIPT), "campaign", *map(str, arguments)],
@@ -149,7 +152,10 @@ def test_resume_continues_after_a_killed_or_interrupted_client(file, tmp_path, e
 
 @pytest.fixture
 def cluster(tmp_path):
-    """A scheduler and a worker in processes of their own; address of the first, and both processes."""
+    """A scheduler and a worker in processes of their own.
+
+    Address of the first, and both processes.
+    """
     where = tmp_path / "scheduler.json"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     module = [sys.executable, "-m", "distributed.cli"]

@@ -1,4 +1,7 @@
-"""fsw.py commission against a graph in lockstep: from the check to the acceptance test, and Ctrl-C."""
+"""fsw.py commission against a graph in lockstep.
+
+From the check to the acceptance test, and Ctrl-C.
+"""
 
 import json
 import os
@@ -51,7 +54,10 @@ NODES = {
 
 @pytest.fixture
 def graph(tmp_path, monkeypatch):
-    """Plant, decentralized controller, supervisor and a player that waits, in lockstep; the plant heats by 1.3."""
+    """Plant, decentralized controller, supervisor and a player that waits, in lockstep.
+
+    The plant heats by 1.3.
+    """
     file = tmp_path / "parameters.yaml"
     file.write_text(
         yaml.safe_dump({name: {"ros__parameters": values} for name, (_, values) in NODES.items()})
@@ -118,7 +124,10 @@ def interrupted(folder, out):
 
 @pytest.fixture
 def known_process(tmp_path, monkeypatch):
-    """Known model and tuning: identification and search have tests without a graph, and take minutes."""
+    """Known model and tuning.
+
+    Identification and search have tests without a graph, and take minutes.
+    """
     out = tmp_path / "out"
 
     def identify(work):

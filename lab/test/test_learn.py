@@ -1,4 +1,7 @@
-"""``fsw.py learn``: from bags to a profile that a later weld takes; one line for bad input, nothing overwritten."""
+"""``fsw.py learn``: from bags to a profile that a later weld takes.
+
+One line for bad input, nothing overwritten.
+"""
 
 import hashlib
 import json

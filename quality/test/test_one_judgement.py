@@ -1,4 +1,7 @@
-"""One recorded weld, given to all who judge: record, recorded page, running page and campaign say the same."""
+"""One recorded weld, given to all who judge.
+
+Record, recorded page, running page and campaign say the same.
+"""
 
 from __future__ import annotations
 

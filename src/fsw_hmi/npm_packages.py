@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Gets npm packages by ``package-lock.json``: uPlot, which draws the page's trends, and the tools that check the page.
+"""Gets npm packages by ``package-lock.json``: uPlot for the page's trends, and the page's linters.
 
 usage: npm_packages.py
 
@@ -38,7 +38,7 @@ def find() -> Path | None:
 
 
 def environment(npm: Path) -> dict[str, str]:
-    """Environment of npm, which finds its node beside itself and trusts what this computer trusts."""
+    """Environment of npm: its node is beside it, and it trusts what this computer trusts."""
     own = {"NODE_USE_SYSTEM_CA": "1", **os.environ}
     if own.pop(_WHEELS_READY, None):
         own.pop("LD_LIBRARY_PATH", None)
@@ -74,7 +74,7 @@ def install(folder: Path, *options: str) -> Path:
 
 
 def get_uplot(target: Path = UPLOT) -> None:
-    """Put the files of uPlot into a folder of the page, if those of another version or none are there."""
+    """Put the files of uPlot into a folder of the page, unless this version is there."""
     lock = (PACKAGE / _LOCK).read_bytes()
     if (target / _LOCK).exists() and (target / _LOCK).read_bytes() == lock:
         return

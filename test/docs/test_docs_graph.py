@@ -1,4 +1,7 @@
-"""Pages whose nodes stay up while their next blocks run; their ports are fixed, so they take turns."""
+"""Pages whose nodes stay up while their next blocks run.
+
+Their ports are fixed, so they take turns.
+"""
 
 import pytest
 

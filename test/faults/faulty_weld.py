@@ -99,7 +99,10 @@ class Outcome:
 
 
 class Relay:
-    """Stands between the plant and the others: loses messages of best-effort readers and shifts the clock."""
+    """Stands between the plant and the others.
+
+    Loses messages of best-effort readers and shifts the clock.
+    """
 
     def __init__(self, weld):
         self.weld, self.loss, self.shift_ns = weld, 0.0, 0
@@ -216,7 +219,10 @@ class Weld(Spinner):
         self.ticks(3)
 
     def restore(self):
-        """Bring the weld back to all parts running, under ``decentral``; returns the first truth that it answered."""
+        """Bring the weld back to all parts running, under ``decentral``.
+
+        Returns the first truth that it answered.
+        """
         self.misbehave = None
         for name in self.parts:
             if name in self.launcher.children and self.launcher.children[name].running:
@@ -285,7 +291,10 @@ class Weld(Spinner):
 
     @property
     def leader(self):
-        """The one that leads; on a busy machine two may do so for a moment, until one of them steps back."""
+        """The one that leads.
+
+        On a busy machine two may do so for a moment, until one of them steps back.
+        """
         self.until(lambda: [*map(self.role, self.supervisors)].count("active") == 1, "one leader")
         return next(name for name in self.supervisors if self.role(name) == "active")
 
@@ -304,7 +313,10 @@ class Weld(Spinner):
         assert response.ok, response.message
 
     def switch(self, name):
-        """Ask for a controller until it commands; returns the number of a truth that it answered."""
+        """Ask for a controller until it commands.
+
+        Returns the number of a truth that it answered.
+        """
         ask_s = 0.0
 
         def applied():
@@ -329,7 +341,10 @@ class Weld(Spinner):
             self.launcher.children[name].process.wait()
 
     def kill_the_plant(self):
-        """Kill it while it has force and speed of a fresh one; else its restart is a move by itself: a safe stop."""
+        """Kill it while it has force and speed of a fresh one.
+
+        Else its restart is a move by itself: a safe stop.
+        """
 
         def has_those_of_a_fresh_one():
             self.signal("plant", signal.SIGSTOP)
@@ -355,7 +370,10 @@ class Weld(Spinner):
         return not self.lockstep or convert.stamp_ns(self.truths[-1].header.stamp) in self.commands
 
     def new_time(self, first):
-        """Number of the first truth of a time that began anew, from ``first`` on; None while there is none."""
+        """Number of the first truth of a time that began anew, from ``first`` on.
+
+        None while there is none.
+        """
         stamps = [convert.stamp_ns(truth.header.stamp) for truth in self.truths[first - 1 :]]
         return next(
             (first + i for i, (a, b) in enumerate(itertools.pairwise(stamps)) if b < a), None
@@ -370,7 +388,9 @@ class Weld(Spinner):
     # ---- what came of it
 
     def outcome(self, first):
-        """From truth number ``first`` on; the last ticks are left out, their commands may be on the way.
+        """From truth number ``first`` on.
+
+        The last ticks are left out, their commands may be on the way.
 
         In lockstep commands may arrive here long after the plant has taken them, while truths
         overtake them.

@@ -91,7 +91,10 @@ def not_finite(weld):
 
 
 def late(weld):
-    """A proposal comes with the next tick: in lockstep only once its own was decided without it."""
+    """A proposal comes with the next tick.
+
+    In lockstep only once its own was decided without it.
+    """
     kept = []
 
     def send(proposal):

@@ -39,7 +39,10 @@ class Stopped:
         return self.modes.call_async(SetMode.Request(mode=mode))
 
     def confirm(self, mode):
-        """Ask for a mode until it is confirmed; a request to a supervisor that has died is not answered."""
+        """Ask for a mode until it is confirmed.
+
+        A request to a supervisor that has died is not answered.
+        """
         while True:
             request, due_s = self.ask(mode), time.monotonic() + _ANSWER_S
             self.weld.until(
@@ -76,7 +79,10 @@ class Stopped:
 
 @pytest.fixture
 def stopped(launch):
-    """A weld in real time with a standby, in control; each test has its own, as cooled copper stays cold."""
+    """A weld in real time with a standby, in control.
+
+    Each test has its own, as cooled copper stays cold.
+    """
     return Stopped(launch(fresh=True, standby=True))
 
 

@@ -1,4 +1,7 @@
-"""Supervisors and the recorder die or stop, and strangers command: what reached the plant, tick by tick."""
+"""Supervisors and the recorder die or stop, and strangers command.
+
+What reached the plant, tick by tick.
+"""
 
 from __future__ import annotations
 
@@ -199,7 +202,8 @@ def test_the_only_supervisor_falls_silent(behind_relay, table, number):
     earlier = [weld.states[row] for row in of_it if row < begin]
     discovered = earlier and "nmpc" in [controller.name for controller in earlier[-1].controllers]
     assert state.target_controller == "nmpc" or state.cause in AUTOMATIC or not discovered, (
-        "the previously active controller continues, not the configured one, if it has been found by then"
+        "the previously active controller continues, not the configured one, "
+        "if it has been found by then"
     )
     verb = (
         "killed (-9) and started again"

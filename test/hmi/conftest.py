@@ -45,7 +45,10 @@ def browser():
 
 
 def _patient(silence_ms, route):
-    """Serve the script with ten minutes in place of a second: on a busy machine a page may stand still."""
+    """Serve the script with ten minutes in place of a second.
+
+    On a busy machine a page may stand still.
+    """
     response = route.fetch()
     text, count = re.subn(
         r"(?<=SILENCE_MS = )800|(?<=BEHIND_MS = )1000", str(silence_ms), response.text()
@@ -56,7 +59,9 @@ def _patient(silence_ms, route):
 
 @pytest.fixture
 def open_page(browser):
-    """Function that opens an address at a size; errors of the page's scripts and policies fail the test.
+    """Function that opens an address at a size.
+
+    Errors of the page's scripts and policies fail the test.
 
     A ``patient`` page takes itself for disconnected after ten minutes of silence, not within a
     second.

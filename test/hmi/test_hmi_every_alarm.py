@@ -1,4 +1,7 @@
-"""Every alarm of the page at a real graph: raised, shelved, taken back, cleared, raised again, acknowledged."""
+"""Every alarm of the page at a real graph.
+
+Raised, shelved, taken back, cleared, raised again, acknowledged.
+"""
 
 import signal
 import time
@@ -141,7 +144,10 @@ class AlarmWeld(Spinner):
         self.launcher.children[name].process.wait()
 
     def until_done(self, do, **content):
-        """Ask until it is done: on a busy machine a tick may have been missed, and a controller is not ready yet."""
+        """Ask until it is done.
+
+        On a busy machine a tick may have been missed, and a controller is not ready yet.
+        """
         end_s = time.monotonic() + PATIENCE_S
         while (answer := self.page.ask(do, **content))["outcome"] != "done":
             assert time.monotonic() < end_s, answer
@@ -228,7 +234,10 @@ class AlarmWeld(Spinner):
         self.node.destroy_publisher(self.commands)
 
     def keep_another_journal(self):
-        """As another page does; a real one would also tell its own alarms, which this journal could not tell apart."""
+        """As another page does.
+
+        A real one would also tell its own alarms, which this journal could not tell apart.
+        """
         self.another_journal = self.node.create_publisher(AlarmEvent, "fsw/alarms", LATCHED)
 
     def drop_another_journal(self):

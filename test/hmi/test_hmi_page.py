@@ -26,7 +26,8 @@ def test_live_values_and_progress_are_on_the_screen(fake, open_page):
     fake.depth_offset_mm = 0.05
     until(
         page,
-        "Math.abs(parseFloat(document.querySelector('#value-depth_mm output').textContent) - 2.75) < .1",
+        "Math.abs(parseFloat(document.querySelector('#value-depth_mm "
+        "output').textContent) - 2.75) < .1",
     )
     expect(page.locator("#who strong")).to_have_text("nmpc · auto")
     expect(page.locator("#progress .detail")).to_contain_text("143°")
@@ -366,7 +367,8 @@ def test_control_lost_by_a_restart_of_the_server_is_told_and_closes_the_form(fak
     again = FakeHmi(port=fake.port).start()
     try:
         expect(page.locator(".control")).to_have_text(
-            "Nobody has control. Take control to command. Control was lost with the connection to the server."
+            "Nobody has control. Take control to command. "
+            "Control was lost with the connection to the server."
         )
         expect(page.locator(".control")).to_have_attribute("data-level", "medium")
         expect(page.locator("form")).to_have_count(0)
@@ -576,7 +578,11 @@ def test_trends_are_zoomed_moved_by_keys_and_swapped_and_lead_back_to_now(fake, 
 
 def test_bands_and_levels_keep_their_colours_where_the_reader_chose_others(fake, open_page):
     page = ready(open_page(fake.url))
-    colours = "[...document.querySelectorAll('.band, .scale, .key')].map((one) => { const style = getComputedStyle(one); return [style.backgroundColor, style.backgroundImage, style.borderTopColor].join() })"
+    colours = (
+        "[...document.querySelectorAll('.band, .scale, "
+        ".key')].map((one) => { const style = getComputedStyle(one); "
+        "return [style.backgroundColor, style.backgroundImage, style.borderTopColor].join() })"
+    )
     before = page.evaluate(colours)
     page.emulate_media(forced_colors="active")
     assert page.evaluate("matchMedia('(forced-colors: active)').matches")

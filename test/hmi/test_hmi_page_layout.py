@@ -1,4 +1,7 @@
-"""The layout of the page by measured boxes: at each size, and when a state changes; and whether it is accessible."""
+"""The layout of the page by measured boxes: at each size, and when a state changes.
+
+And whether it is accessible.
+"""
 
 import time
 
@@ -25,7 +28,8 @@ def by_default(*sizes):
 def test_everything_fits_the_screen_and_the_finger(fake, open_page, uplot, size):
     fake.local_stop = True
     fake.state["reason"] = (
-        "nmpc answered late 3 times in a row, decentral took over; nmpc is inhibited until it is chosen"
+        "nmpc answered late 3 times in a row, decentral took over; "
+        "nmpc is inhibited until it is chosen"
     )
     fake.alarms = sample_alarms(time.time())
     page = open_page(fake.url, *size)
@@ -83,8 +87,9 @@ def test_nothing_moves_when_a_state_changes(fake, open_page, size):
         }
 
     fake.state.update(
-        reason="decentral commands because nmpc was late 3 times in a row; nmpc stays inhibited until mode auto "
-        "readmits it, which nobody has chosen yet in this weld on the canister",
+        reason="decentral commands because nmpc was late 3 times in a row; "
+        "nmpc stays inhibited until mode auto readmits it, "
+        "which nobody has chosen yet in this weld on the canister",
         actual_controller="decentral",
     )
     fake.alarms = sample_alarms(time.time())

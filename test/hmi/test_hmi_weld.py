@@ -1,4 +1,7 @@
-"""The operator's page at a real weld: everything as processes, in lockstep where no time is what is tested."""
+"""The operator's page at a real weld.
+
+Everything as processes, in lockstep where no time is what is tested.
+"""
 
 import itertools
 import json

@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""Every sequence of letters of a welding cell, breadth first; sequences that lead to the same state are merged."""
+"""Every sequence of letters of a welding cell, breadth first.
+
+Sequences that lead to the same state are merged.
+"""
 
 from __future__ import annotations
 
@@ -160,7 +163,10 @@ _Now = tuple[float, int, int, int, int]
 
 
 class _Freezers(dict[type, Callable[[Any, str, _Now], Any]]):
-    """By type, what makes of an attribute's value and name something to hash; found once for each type."""
+    """By type, what makes of an attribute's value and name something to hash.
+
+    Found once for each type.
+    """
 
     def __missing__(self, kind: type) -> Callable[[Any, str, _Now], Any]:
         bases = (
@@ -263,7 +269,10 @@ def _never_changes(kind: type) -> bool:
 
 
 class Snapshot:
-    """What a cell holds at a moment, to put it back to as often as needed; much cheaper than copies of the cell."""
+    """What a cell holds at a moment, to put it back to as often as needed.
+
+    Much cheaper than copies of the cell.
+    """
 
     def __init__(self, cell: Cell) -> None:
         self._containers: list[tuple[Any, Any]] = []
@@ -309,7 +318,10 @@ class Snapshot:
 
 @dataclass
 class Result:
-    """What an exploration has seen; ``broken``: by rule, the shortest sequence of letters and what was wrong."""
+    """What an exploration has seen.
+
+    ``broken``: by rule, the shortest sequence of letters and what was wrong.
+    """
 
     sequences: int = 0
     transitions: int = 0
@@ -323,7 +335,9 @@ class Result:
 
 
 class Explorer:
-    """Explores from all starts at once; a state counts as known whatever start and sequence led to it first.
+    """Explores from all starts at once.
+
+    A state counts as known whatever start and sequence led to it first.
 
     It is gone on from there, at the least depth at which any start reaches it: so every sequence
     of every start is covered.
@@ -358,7 +372,10 @@ class Explorer:
     def _go_on(
         self, copy: bytes, path: tuple[str, ...], last: bool
     ) -> Iterator[tuple[bytes, tuple[str, ...]]]:
-        """Try every letter; yields copies of the new states, unless these are the ``last`` ones."""
+        """Try every letter.
+
+        Yields copies of the new states, unless these are the ``last`` ones.
+        """
         cell: Cell = pickle.loads(copy)
         before = Snapshot(cell)
         for letter in self.alphabet:
@@ -416,7 +433,10 @@ class Explorer:
 
 
 def rows_of(name: str, machine: str, modes: Sequence[str], depth: int) -> Iterator[Row]:
-    """Explore one alphabet; yields the figures after each letter, so that a run that is cut off is a result, too."""
+    """Explore one alphabet.
+
+    Yields the figures after each letter, so that a run that is cut off is a result, too.
+    """
     explorer, begun_s = Explorer(ALPHABETS[name]), time.process_time()
     for reached in explorer.levels(
         {mode: started(mode, MACHINES[machine]) for mode in modes}, depth

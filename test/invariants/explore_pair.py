@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Two supervisors and an actuator end over a lossy network: random walks, and all short sequences of a few letters.
+"""Two supervisors and an actuator end over a lossy network.
+
+Random walks, and all short sequences of a few letters.
 
 Counter-examples are shrunk.
 """
@@ -109,7 +111,10 @@ FEW = (
 
 @dataclass
 class Found:
-    """What an exploration of the pair has seen; ``broken``: by invariant, the shortest sequence and what was wrong."""
+    """What an exploration of the pair has seen.
+
+    ``broken``: by invariant, the shortest sequence and what was wrong.
+    """
 
     machine: str = "plant"
     walks: int = 0
@@ -132,7 +137,10 @@ class Found:
 def walk(
     letters: Sequence[str], machine: str = "plant", forgiven: frozenset[str] = frozenset()
 ) -> tuple[World, BrokenInvariantError | None]:
-    """Do what the letters say, then heal; returns the world and the first invariant that was broken."""
+    """Do what the letters say, then heal.
+
+    Returns the world and the first invariant that was broken.
+    """
     world = World(machine)
     world.rules.forgiven = forgiven
     try:
@@ -145,7 +153,10 @@ def walk(
 
 
 def letters_of(seed: int, machine: str = "plant") -> tuple[str, ...]:
-    """The letters of a random walk; every other one is twice as long, with more of links and processes."""
+    """The letters of a random walk.
+
+    Every other one is twice as long, with more of links and processes.
+    """
     chance, weights, length = random.Random(seed), _END_WEIGHTS[machine], LENGTH
     if seed % 2 == 0:
         weights, length = weights | _MORE_DISTURBED, 2 * LENGTH
@@ -193,7 +204,10 @@ def explore(
     forgiven: frozenset[str] = frozenset(),
     cpu_s: float = inf,
 ) -> Iterator[Found]:
-    """Walk sequences of letters until so many transitions are done; yields the counts after each walk."""
+    """Walk sequences of letters until so many transitions are done.
+
+    Yields the counts after each walk.
+    """
     result, begun_s = Found(machine), time.process_time()
     for letters in sequences:
         world, error = walk(letters, machine, forgiven)
@@ -219,16 +233,19 @@ def run(
         if result.transitions - shown >= 1_000_000:
             shown = result.transitions
             print(
-                f"{machine}: {shown} transitions in {result.walks} walks, broken: {sorted(result.broken)}",
+                f"{machine}: {shown} transitions in {result.walks} walks, "
+                f"broken: {sorted(result.broken)}",
                 flush=True,
             )
     cpu_s = time.process_time() - begun_s
     rate = result.transitions / max(cpu_s, 1e-9)
     print(
-        f"{machine}, {kind}: {result.transitions} transitions in {result.walks} walks, {rate:.0f} a second of CPU"
+        f"{machine}, {kind}: {result.transitions} transitions in {result.walks} walks, "
+        f"{rate:.0f} a second of CPU"
     )
     print(
-        f"{result.accepted} commands acted; control was back after at most {result.slowest_s:.1f} s",
+        f"{result.accepted} commands acted; control was back after at most "
+        f"{result.slowest_s:.1f} s",
         flush=True,
     )
     for rule, (letters, words) in sorted(result.broken.items()):

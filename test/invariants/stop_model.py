@@ -123,7 +123,10 @@ class Numbers:
 
 
 class Model:
-    """The transitions between states, with the invariants; what the real classes return is computed once per value."""
+    """The transitions between states, with the invariants.
+
+    What the real classes return is computed once per value.
+    """
 
     def __init__(self, bounds: Bounds) -> None:
         self.bounds = bounds
@@ -226,7 +229,8 @@ class Model:
                 refused.term == end.term and refused.leader != end.leader
             ):
                 raise BrokenError(
-                    f"{_words(message)}: term {end.term} of {end.leader} is {refused.term} of {refused.leader}"
+                    f"{_words(message)}: term {end.term} of {end.leader} is {refused.term} "
+                    f"of {refused.leader}"
                 )
         for value in self.copies.of(copies):
             moves.setdefault((parts.end_hears(end, value), ""), f"end hears {_value(value)}")
@@ -252,7 +256,10 @@ class Model:
             raise BrokenError(f"{words}: control acts that does not know {_value(after.value)}")
 
     def _pressed(self, copies: int) -> list[int]:
-        """The page's SAFE STOP: the page may have heard any copy, and forgotten later ones in a restart."""
+        """The page's SAFE STOP.
+
+        The page may have heard any copy, and forgotten later ones in a restart.
+        """
         pressed = [parts.press(value) for value in (Stop(), *self.copies.of(copies))]
         more = {
             copies | self.copies.bit(value)
@@ -284,14 +291,20 @@ class Model:
             yield f"{name} acknowledges", after
 
     def _covered(self, number: int) -> int:
-        """A supervisor after an acknowledgement: it covers a request for a safe stop that was made before."""
+        """A supervisor after an acknowledgement.
+
+        It covers a request for a safe stop that was made before.
+        """
         supervisor: Supervisor = self.supervisors.items[number]
         return self.supervisors.number(
             supervisor._replace(acknowledged=supervisor.asked is not None)
         )
 
     def _requests(self, number: int) -> tuple[int | None, int | None]:
-        """The supervisor after a request for a safe stop, and after an acknowledgement; None where nothing changes."""
+        """The supervisor after a request for a safe stop, and after an acknowledgement.
+
+        None where nothing changes.
+        """
         before: Supervisor = self.supervisors.items[number]
         after = [parts.ask_stop(before), parts.acknowledge(before)]
         for item in after:
@@ -331,7 +344,8 @@ class Model:
             _grows(before.value, after.value, before.identity)
             if after.active and not before.active and after.term <= before.heard_term:
                 raise BrokenError(
-                    f"{before.identity} takes over: its term {after.term} is not above {before.heard_term}"
+                    f"{before.identity} takes over: its term {after.term} is not above "
+                    f"{before.heard_term}"
                 )
         return [
             (self.supervisors.number(after), words, answered)
@@ -365,7 +379,10 @@ class Model:
     # ---------------------------------------------------------------- recovery
 
     def heal(self, state: State) -> None:
-        """Deliver what is sent, let one supervisor lead and acknowledge: control must come back."""
+        """Deliver what is sent, let one supervisor lead and acknowledge.
+
+        Control must come back.
+        """
         self._once(self._heal, state.end, state.a, state.b, state.copies)
 
     def _heal(self, number: int, a: int, b: int, copies: int) -> None:
@@ -415,11 +432,17 @@ def _value(stop: Stop) -> str:
 
 def _words(message: Message) -> str:
     signature = message.signature
-    return f"{message.source} of {signature.leader}, term {signature.term}, knowing {_value(signature.stop)}"
+    return (
+        f"{message.source} of {signature.leader}, term {signature.term}, "
+        f"knowing {_value(signature.stop)}"
+    )
 
 
 def _report(state: ActuatorState) -> str:
-    return f"term {state.term} of {state.leader or 'nobody'}, {state.source or 'no source'}, {_value(state.stop)}"
+    return (
+        f"term {state.term} of {state.leader or 'nobody'}, {state.source or 'no source'}, "
+        f"{_value(state.stop)}"
+    )
 
 
 class Result(NamedTuple):

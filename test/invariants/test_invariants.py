@@ -1,4 +1,7 @@
-"""What holds in every welding cell: explored breadth first to a small depth, and by random sequences far beyond."""
+"""What holds in every welding cell.
+
+Explored breadth first to a small depth, and by random sequences far beyond.
+"""
 
 import sys
 from itertools import product
@@ -102,7 +105,8 @@ class CellMachine(RuleBasedStateMachine):
                 return
             self.cell.heal()
         raise AssertionError(
-            f"not in control after {RECOVERY_TICKS} ticks: {self.cell.arbiter.machine.reason.words}"
+            f"not in control after {RECOVERY_TICKS} "
+            f"ticks: {self.cell.arbiter.machine.reason.words}"
         )
 
 

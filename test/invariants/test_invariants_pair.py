@@ -1,4 +1,7 @@
-"""Two supervisors and plant or gateway over a lossy network: no sequence breaks an invariant (``pair_rules.py``)."""
+"""Two supervisors and plant or gateway over a lossy network.
+
+No sequence breaks an invariant (``pair_rules.py``).
+"""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""Every sequence of sent set-points, steps of clocks and repeats: an accepted one is in force, a refusal is told."""
+"""Every sequence of sent set-points, steps of clocks and repeats.
+
+An accepted one is in force, a refusal is told.
+"""
 
 from __future__ import annotations
 

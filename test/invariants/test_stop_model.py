@@ -1,4 +1,7 @@
-"""The stop register and the fence, checked exhaustively within bounds; one changed line of them breaks an invariant."""
+"""The stop register and the fence, checked exhaustively within bounds.
+
+One changed line of them breaks an invariant.
+"""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""Runs the launch tests under plain pytest: the same test classes, with processes started by a helper of ours.
+"""Runs the launch tests under plain pytest.
+
+The same test classes, with processes started by a helper of ours.
 
 Classes of tests after shutdown come last in their module; the first of them ends the processes.
 """

@@ -57,7 +57,10 @@ class TestWeld(unittest.TestCase):
             }
 
             def steady():
-                """The same stamps of all sensors, 100 ms apart; a busy machine may skip a tick now and then."""
+                """The same stamps of all sensors, 100 ms apart.
+
+                A busy machine may skip a tick now and then.
+                """
                 shared = set.intersection(
                     *(set(map(stamp_ns, messages)) for messages in topics.values())
                 )

@@ -1,4 +1,7 @@
-"""A programme that is aborted: the safe stop is carried out, and the weld goes on without its player."""
+"""A programme that is aborted.
+
+The safe stop is carried out, and the weld goes on without its player.
+"""
 
 import sys
 import unittest

@@ -1,8 +1,8 @@
 """What the launch tests share: the weld that they start, and an observer in its graph.
 
-A test module names its weld once, as ``WELD``. Under ``launch_test`` it is started by ``weld.launch.py`` of
-the built workspace; under plain pytest, with or without ROS, ``conftest.py`` has it started as
-plain processes.
+A test module names its weld once, as ``WELD``. Under ``launch_test`` it is started by
+``weld.launch.py`` of the built workspace; under plain pytest, with or without ROS, ``conftest.py``
+has it started as plain processes.
 """
 
 from __future__ import annotations
@@ -78,7 +78,10 @@ class WeldUnderTest:
     standby: bool = False
 
     def launch_description(self) -> tuple[Any, dict[str, Any]]:
-        """What ``generate_test_description`` returns: ``weld.launch.py``, and arguments for the tests."""
+        """What ``generate_test_description`` returns.
+
+        ``weld.launch.py``, and arguments for the tests.
+        """
         from ament_index_python.packages import get_package_share_directory
         from launch import LaunchDescription
         from launch.actions import IncludeLaunchDescription, SetEnvironmentVariable

@@ -54,7 +54,9 @@ def secured(tmp_path_factory, shipped_text):
 
 @pytest.fixture
 def weld(tmp_path, shipped_text, secured):
-    """A weld with security and SI units, and a proxy between gateway and machine; no command in it is a bump.
+    """A weld with security and SI units, and a proxy between gateway and machine.
+
+    No command in it is a bump.
 
     Each test has its own: what a test breaks ends in a safe stop, after which the copper cools.
     """

@@ -1,4 +1,7 @@
-"""A weld at the emulated machine: supervisor, controllers and gateway as processes, in real time."""
+"""A weld at the emulated machine.
+
+Supervisor, controllers and gateway as processes, in real time.
+"""
 
 from __future__ import annotations
 
@@ -159,7 +162,10 @@ class MachineWeld(Spinner):
         return self.machine.do(lambda server: server.plant.truth().temperature_c)
 
     def until_safe(self):
-        """Wait until the machine's watchdog has gone to its safe state; returns the set-points in force then."""
+        """Wait until the machine's watchdog has gone to its safe state.
+
+        Returns the set-points in force then.
+        """
         self.until(
             lambda: self.machine.do(lambda server: server.plant.watchdog.state.name) == "SAFE",
             "the watchdog",

@@ -1,4 +1,7 @@
-"""The whole chain at the emulated machine: each part is killed and ended in turn, the connection cut and stalled."""
+"""The whole chain at the emulated machine.
+
+Each part is killed and ended in turn, the connection cut and stalled.
+"""
 
 import itertools
 import signal
@@ -175,7 +178,10 @@ def test_a_deactivated_gateway_leaves_the_machine_to_its_watchdog(weld):
 @pytest.mark.requirement("S14")
 @pytest.mark.full
 def test_the_machine_is_started_again(tmp_path, shipped_text, domain_id):
-    """The server as a process of its own, killed and ended: its counter begins again, and so does the weld."""
+    """The server as a process of its own, killed and ended.
+
+    Its counter begins again, and so does the weld.
+    """
     file = write_machine_file(tmp_path / "machine.yaml", free_port(), shipped_text)
     with Launcher(tmp_path / "log", domain_id) as launcher:
         weld = MachineWeld(domain_id, launcher, None, file)

@@ -1,4 +1,7 @@
-"""The dataset of a campaign: a folder with a manifest and Parquet files that are added as welds end."""
+"""The dataset of a campaign.
+
+A folder with a manifest and Parquet files that are added as welds end.
+"""
 
 from __future__ import annotations
 
@@ -102,7 +105,8 @@ class Dataset:
                 self._check(resume)
             elif folder.exists() and any(folder.iterdir()):
                 raise InputError(
-                    f"folder {folder} exists and is not the folder of a campaign; choose another --out"
+                    f"folder {folder} exists and is not the folder of a campaign; "
+                    "choose another --out"
                 )
             (folder / _WELDS).mkdir(parents=True, exist_ok=True)
             self._lock = (folder / ".lock").open("w")
@@ -139,8 +143,9 @@ class Dataset:
         manifest, campaign = _read_manifest(self.folder), self.campaign
         if manifest.digest != campaign.digest:
             raise InputError(
-                f"folder {self.folder} has another campaign ({manifest.campaign['name']}, {manifest.digest}; "
-                f"this one is {campaign.name}, {campaign.digest}); choose another --out"
+                f"folder {self.folder} has another campaign ({manifest.campaign['name']}, "
+                f"{manifest.digest}; this one is {campaign.name}, {campaign.digest}); "
+                "choose another --out"
             )
         if not resume and _parts(self.folder):
             raise InputError(
@@ -148,8 +153,8 @@ class Dataset:
             )
         if manifest.versions != versions():
             raise InputError(
-                f"folder {self.folder} was begun with other software ({manifest.versions}; this is {versions()}); "
-                "choose another --out"
+                f"folder {self.folder} was begun with other software ({manifest.versions}; "
+                f"this is {versions()}); choose another --out"
             )
 
     def missing(self) -> list[tuple[int, list[str]]]:
@@ -205,7 +210,7 @@ def _read_manifest(folder: Path) -> _Manifest:
 
 
 def load(folder: Path) -> tuple[Campaign, pa.Table]:
-    """The campaign in a folder and its rows, in order of number and controller, without duplicates.
+    """The campaign in a folder and its rows, by number and controller, without duplicates.
 
     Raises
     ------
@@ -233,6 +238,7 @@ def _read(parts: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
             tables.append(pq.read_table(path, columns=columns))
         except (OSError, pa.ArrowException) as error:
             raise InputError(
-                f"{path} is damaged: {' '.join(str(error).split())}; delete it and run again with --resume"
+                f"{path} is damaged: {' '.join(str(error).split())}; "
+                "delete it and run again with --resume"
             ) from None
     return pa.concat_tables(tables).unify_dictionaries().combine_chunks()

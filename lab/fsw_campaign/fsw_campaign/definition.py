@@ -78,7 +78,10 @@ class Bounds(Model):
 
 
 class Limit(Bounds):
-    """Bounds of a signal; a weld is inside if the signal is outside them for at most ``at_most_s`` in total."""
+    """Bounds of a signal.
+
+    A weld is inside if the signal is outside them for at most ``at_most_s`` in total.
+    """
 
     at_most_s: Annotated[float, TIME_S] = 0.0
 
@@ -125,7 +128,8 @@ class Campaign(Model):
         Many[Entrant], Field(min_length=1, alias="controllers", json_schema_extra=_or_name)
     ]
     welds: Annotated[Whole, Range(1, 10_000_000, "welds")]
-    """of each controller; weld ``i`` has the same plant and the same noise under all controllers"""
+    """of each controller; weld ``i`` has the same plant and the same noise under all
+    controllers"""
     seed: Annotated[Whole, Range(0, 2**32 - 1, "")] = 1
     sampler: Sampler = "latin_hypercube"
     distributions: dict[str, Distribution] = {}
@@ -133,7 +137,8 @@ class Campaign(Model):
     limits: dict[Annotated[str, AfterValidator(_signal)], Limit] = {}
     """of a good weld"""
     procedure: Annotated[dict[str, Any] | None, _NAMED] = None
-    """by which the welds are judged: path of a procedure, or a procedure itself; left out: by the default rules"""
+    """by which the welds are judged: path of a procedure, or a procedure itself; left out: by the
+    default rules"""
 
     @model_validator(mode="after")
     def _check(self) -> Campaign:
@@ -152,7 +157,7 @@ class Campaign(Model):
 
     @property
     def digest(self) -> str:
-        """Digest of all that decides the results, users' controllers included, but for our software."""
+        """Digest of all that decides the results, users' controllers too, but this software."""
         own = (source_of(entrant.controller) for entrant in self.entrants)
         return hashlib.sha256(b"".join([self.text.encode(), *own])).hexdigest()[:16]
 
@@ -171,7 +176,10 @@ class Campaign(Model):
         return draw(len(self.distributions), self.welds, self.seed, self.sampler)
 
     def parameters(self, index: int) -> dict[str, Any]:
-        """Values of a weld, by path in the scenario: those drawn, and the seed of the noise unless it is drawn."""
+        """Values of a weld, by path in the scenario.
+
+        Those drawn, and the seed of the noise unless it is drawn.
+        """
         return {
             "plant.seed": weld_seed(self.seed, index),
             **values(self.distributions, self.shares[index]),
@@ -185,7 +193,10 @@ class Campaign(Model):
         return scenario_file.read(content, self.name)
 
     def controllers(self, scenario: Scenario, entrant: Entrant) -> dict[str, Controller]:
-        """Make the controllers of a weld, by name; InputError if one is not known or refuses its parameters."""
+        """Make the controllers of a weld, by name.
+
+        InputError if one is not known or refuses its parameters.
+        """
         return make_all(scenario, entrant.controller, {entrant.name: entrant.parameters})
 
 
@@ -241,14 +252,17 @@ def load(
 
 
 def read(content: Any, where: str = "campaign") -> Campaign:
-    """Read a campaign from the content of a file, its scenario included; errors as :func:`load`."""
+    """Read a campaign from the content of a file, its scenario included.
+
+    Errors as :func:`load`.
+    """
     campaign = validate(Campaign, content, where)
     _check_welds(campaign, where)
     return campaign
 
 
 def _check_welds(campaign: Campaign, where: str) -> None:
-    """Make the first weld of every controller, and one with each extreme value of each distribution."""
+    """Make the first weld of every controller, and one with each extreme of each distribution."""
     base = scenario_file.read(copy.deepcopy(campaign.scenario), f"{where}: scenario")
     if base.open_loop:
         raise InputError(

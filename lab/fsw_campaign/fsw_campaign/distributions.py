@@ -79,7 +79,10 @@ class Distribution(Model):
 
     @property
     def extremes(self) -> tuple[Any, ...]:
-        """Values that must all be valid: the bounds and the middle of the distribution, or all its choices."""
+        """Values that must all be valid.
+
+        The bounds and the middle of the distribution, or all its choices.
+        """
         return self.choice or (*self.bounds, self.value(0.5))
 
     def value(self, share: float) -> Any:
@@ -105,7 +108,9 @@ class Distribution(Model):
 
 
 def draw(parameters: int, count: int, seed: int, sampler: str) -> NDArray[np.float64]:
-    """Shares of all parameters, 0 to 1, for :meth:`Distribution.value`: a row per weld, a column per parameter.
+    """Shares of all parameters, 0 to 1, for :meth:`Distribution.value`.
+
+    A row per weld, a column per parameter.
 
     Rows depend on the arguments alone; the first rows of a Sobol sequence do not depend on
     ``count``.

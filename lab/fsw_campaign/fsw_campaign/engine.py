@@ -166,7 +166,7 @@ def _threads(client: Client) -> int:
 
 
 class _Tasks:
-    """Batches of the missing welds, each as many as take about ``BATCH_S``, or more where there are many workers."""
+    """Batches of the missing welds, each of about ``BATCH_S``, or more for many workers."""
 
     def __init__(self, dataset: Dataset) -> None:
         self._campaign = dataset.campaign
@@ -174,7 +174,7 @@ class _Tasks:
         self._size, self._spent_s, self._rows = 1, 0.0, 0
 
     def learn(self, rows: list[Row], threads: int) -> None:
-        """Adapt the size of the next batches to the wall time of these rows and to the number of threads."""
+        """Adapt the size of the next batches to these rows' wall time and the threads."""
         self._spent_s += sum(row.get("wall_time_s", 0.0) for row in rows)
         self._rows += len(rows)
         per_weld_s = len(self._campaign.entrants) * self._spent_s / max(self._rows, 1)

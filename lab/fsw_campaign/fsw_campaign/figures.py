@@ -96,7 +96,10 @@ def times_outside(results: Results, beside: Path | None = None) -> bytes | None:
 
 
 def sensitivities(results: Results, beside: Path | None = None) -> bytes | None:
-    """Rank correlations and first-order indices of the main figures; None where no parameter is a number."""
+    """Rank correlations and first-order indices of the main figures.
+
+    None where no parameter is a number.
+    """
     cases = [(key, label) for key in MAIN for label in results.labels]
     indices = [results.sensitivities(key, label) for key, label in cases]
     if not indices[0]:

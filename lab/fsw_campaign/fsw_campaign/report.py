@@ -63,7 +63,8 @@ def requirements_of(file: Path | None, columns: Sequence[str]) -> list[Requireme
     unknown = [column for rule in rules for column in rule.limits if column not in columns]
     if unknown and file is not None:
         raise InputError(
-            f"{file}: {unknown[0]} is not a figure of merit of this campaign; known: {', '.join(columns)}"
+            f"{file}: {unknown[0]} is not a figure of merit of this campaign; "
+            f"known: {', '.join(columns)}"
         )
     return [rule for rule in rules if not set(unknown) & rule.limits.keys()]
 
@@ -319,7 +320,7 @@ def _figures_of_merit(results: Results) -> list[list[str]]:
 
 
 def _losses(results: Results) -> list[tuple[str, str, float]]:
-    """Figures in which another controller is better than the first on most plants, and on how many percent."""
+    """Figures in which another controller beats the first on most plants, and their percentage."""
     losses = []
     for key in results.figures:
         if ROWS[key][1] in ("", "%"):  # counts and shares

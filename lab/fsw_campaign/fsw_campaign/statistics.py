@@ -1,4 +1,7 @@
-"""Statistics of a campaign's rows: shares with intervals, ratios, rank correlations, the worst welds."""
+"""Statistics of a campaign's rows.
+
+Shares with intervals, ratios, rank correlations, the worst welds.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ _GROUP, _MOST_GROUPS = 25, 16
 
 
 def first_order(parameter: Vector, values: Vector) -> float:
-    """Share of the variance of the ranks of ``values`` that is explained by a parameter alone, in any direction.
+    """Share of the variance of the ranks of ``values`` that a parameter alone explains.
 
     Effect size (eta squared) of the Kruskal-Wallis test over groups of like parameter values,
     which estimates Sobol's first-order index of the ranks; 0 by chance, NaN with too few values.
@@ -79,7 +82,10 @@ class Results:
         return np.array(self.table[column].to_pylist(), dtype=str)
 
     def numbers(self, column: str, label: str) -> Vector:
-        """A column of the complete welds of a controller, in order; NaN where there is no value."""
+        """A column of the complete welds of a controller, in order.
+
+        NaN where there is no value.
+        """
         chosen = (self.controller == label) & np.isin(
             self.table["index"].to_numpy(), self.complete
         )
@@ -101,7 +107,10 @@ class Results:
         return np.asarray(self.table["inside"].to_numpy(zero_copy_only=False), dtype=bool)
 
     def meets(self, bounds: Mapping[str, Bounds]) -> NDArray[np.bool_] | None:
-        """Whether each row ended with figures within bounds, by column; None where no row has one of the figures."""
+        """Whether each row ended with figures within bounds, by column.
+
+        None where no row has one of the figures.
+        """
         met = self.texts("status") == OK
         for column, bound in bounds.items():
             values = self.table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
@@ -116,7 +125,7 @@ class Results:
         return int(own.sum()), int(own.size)
 
     def ratio(self, column: str, label: str) -> Vector:
-        """Ratios of a figure to that of the first controller on the same plants, where both are above 0."""
+        """Ratios of a figure to the first controller's on the same plants, if both are above 0."""
         first, other = self.numbers(column, self.labels[0]), self.numbers(column, label)
         known = (first > 0.0) & (other > 0.0)
         return np.asarray(other[known] / first[known], dtype=np.float64)
@@ -127,7 +136,7 @@ class Results:
         return [key for key in ROWS if np.isfinite(self.numbers(key, self.labels[0])).any()]
 
     def sensitivities(self, column: str, label: str) -> dict[str, tuple[float, float]]:
-        """Spearman's correlation and :func:`first_order` of a figure, by parameter that is a number.
+        """Spearman's correlation and :func:`first_order` of a figure, by numeric parameter.
 
         NaN where one of the two is constant.
         """
@@ -152,7 +161,7 @@ class Results:
 
     @property
     def chance(self) -> tuple[float, float]:
-        """Bounds that correlations and first-order indices exceed by chance in only 5 % of cases."""
+        """Bounds that correlations and first-order indices exceed by chance in 5 % of cases."""
         from scipy.stats import chi2, norm
 
         n = max(self.complete.size, 4)
@@ -162,7 +171,10 @@ class Results:
         return min(float(correlation), 1.0), min(float(index), 1.0)
 
     def worst(self) -> list[tuple[dict[str, Any], str]]:
-        """The worst welds and why: first those that did not finish, then by ``MAIN`` over their controller's median."""
+        """The worst welds and why.
+
+        First those that did not finish, then by ``MAIN`` over their controller's median.
+        """
         medians = {
             label: [np.nanmedian(self.numbers(key, label)) for key in MAIN]
             for label in self.labels

@@ -325,12 +325,13 @@ def test_first_order_index_of_known_functions():
 
 def test_digest_covers_all_packages_that_compute_a_weld():
     program = (
-        "import sys; from fsw_campaign import definition, welds;"
-        "made = definition.read({'name': 'a', 'scenario': {'name': 's', 'duration_s': 1.0}, 'welds': 1,"
-        "'controllers': ['decentral', 'nmpc:default']});"
-        "rows = welds.run_batch(made.text, [(0, made.parameters(0), ['decentral', 'nmpc:default'])]);"
-        "assert [row['status'] for row in rows] == ['ok', 'ok'], rows;"
-        "print(*(module.__file__ for name, module in sys.modules.items() if name.startswith('fsw_')))"
+        "import sys; from fsw_campaign import definition, welds;made = definition.read({'name': "
+        "'a', 'scenario': {'name': 's', 'duration_s': 1.0}, "
+        "'welds': 1,'controllers': ['decentral', "
+        "'nmpc:default']});rows = welds.run_batch(made.text, [(0, made.parameters(0), "
+        "['decentral', 'nmpc:default'])]);assert [row['status'] for row in rows] == ['ok', 'ok'], "
+        "rows;print(*(module.__file__ for name, module in sys.modules.items() "
+        "if name.startswith('fsw_')))"
     )
     ran = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True

@@ -1,4 +1,7 @@
-"""The self-contained folder with a controller in C: sources, example, test vectors, board support, function block."""
+"""The self-contained folder with a controller in C.
+
+Sources, example, test vectors, board support, function block.
+"""
 
 from __future__ import annotations
 
@@ -47,11 +50,11 @@ def write_folder(
     replace: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> str:
-    """Weld with a controller to record test vectors, write its folder, compile the example and run it on them.
+    """Record test vectors of a weld, write the folder, compile the example and run it on them.
 
     Returns what the example printed. The folder must not exist yet, or be empty; with ``replace``
-    an earlier export there is kept as the first free ``FOLDER_1``, ``FOLDER_2``, ... ``progress`` is
-    called with the share of the weld that is done, 0 to 1.
+    an earlier export there is kept as the first free ``FOLDER_1``, ``FOLDER_2``, ... ``progress``
+    is called with the share of the weld that is done, 0 to 1.
 
     Raises
     ------
@@ -119,7 +122,10 @@ def _document(folder: Path, sources: ControllerSources, origin: str, check: str)
 
 
 def _run_example(folder: Path) -> str:
-    """Compile the example with this machine's compiler and run it on the vectors; returns its last line."""
+    """Compile the example with this machine's compiler and run it on the vectors.
+
+    Returns its last line.
+    """
     command = compiler()
     if command is None:
         return "not compiled: no C compiler found"

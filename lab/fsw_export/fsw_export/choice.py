@@ -74,6 +74,7 @@ class Choice:
         content = content_of(read_text(self.tuning_file, "tuning"), str(self.tuning_file))
         if not isinstance(content, dict):
             raise InputError(
-                f"{self.tuning_file}: must map names of parameters to values, e.g. depth_gain: 120.0"
+                f"{self.tuning_file}: must map names of parameters to values, "
+                "e.g. depth_gain: 120.0"
             )
         return content

@@ -1,4 +1,7 @@
-"""Writes plant and controllers as Functional Mock-up Units: FMI 2.0 for co-simulation, with sources and binary."""
+"""Writes plant and controllers as Functional Mock-up Units.
+
+FMI 2.0 for co-simulation, with sources and binary.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The controllers as FMUs: which variables they have, and how these are the signals of their C libraries."""
+"""The controllers as FMUs.
+
+Which variables they have, and how these are the signals of their C libraries.
+"""
 
 from __future__ import annotations
 
@@ -81,7 +84,9 @@ def nmpc(choice: Choice) -> Content:
 
 
 def decentral(choice: Choice) -> Content:
-    """The decentralized controller; its parameters are those of the node, but the tuning becomes gains.
+    """The decentralized controller.
+
+    Its parameters are those of the node, but the tuning becomes gains.
 
     Raises
     ------
@@ -106,7 +111,10 @@ def decentral(choice: Choice) -> Content:
 def _content(
     library: ControllerSources, parameters: list[Variable], choice: Choice, tune: str
 ) -> Content:
-    """An FMU of a library; inputs start at the model's operating point, ``tune`` is the C code of its parameters."""
+    """An FMU of a library.
+
+    Inputs start at the model's operating point, ``tune`` is the C code of its parameters.
+    """
     start = ProcessModel(choice.model).equilibrium()
     at = {"depth_mm": start.outputs.depth_mm, "temperature_c": start.outputs.temperature_c}
     at |= {

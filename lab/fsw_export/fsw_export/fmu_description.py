@@ -1,4 +1,7 @@
-"""Variables of an FMU: one table, from which modelDescription.xml and the declarations of its C sources are written."""
+"""Variables of an FMU.
+
+One table, from which modelDescription.xml and the declarations of its C sources are written.
+"""
 
 from __future__ import annotations
 
@@ -136,7 +139,10 @@ class Content:
 
 
 def declarations(content: Content, guid: str) -> dict[str, str]:
-    """The generated C files: ``variables.h``, for the unit, and ``tables.h``, for the FMI functions."""
+    """The generated C files.
+
+    ``variables.h``, for the unit, and ``tables.h``, for the FMI functions.
+    """
     types = [
         {"name": type, "in_c": in_c, "variables": content.of_type(type)}
         for type, in_c in TYPES.items()

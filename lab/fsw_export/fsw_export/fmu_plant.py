@@ -23,7 +23,8 @@ _OF_CANISTER = ("start.power_kw",)
 _MOTION = {
     "tool.traverse_mm_per_min": (
         "traverse_mm_per_min",
-        "Traverse speed of the tool around the canister during a step; before the first one, while it is heated",
+        "Traverse speed of the tool around the canister during a step; "
+        "before the first one, while it is heated",
     ),
     "tool.axial_mm": (
         "axial_mm",
@@ -62,7 +63,9 @@ _TUNABLE = (
 
 
 def plant(choice: Choice) -> Content:
-    """The plant; its parameters are those of the node: the FMU's own, ``model_file`` and ``factors.*``.
+    """The plant.
+
+    Its parameters are those of the node: the FMU's own, ``model_file`` and ``factors.*``.
 
     On a canister also ``canister.*`` and the tool's first position.
 

@@ -85,7 +85,10 @@ class ControllerSources:
                 rf"#ifndef {size}\n(#define {size} )\d+(.*\n)#endif\n", rf"\g<1>{value}\2", header
             )
         guard = f"#define {self.prefix.upper()}_H\n"
-        identity = f'#define {self.prefix.upper()}_ID "{self.digest}" /* of sources, model and tuning */\n'
+        identity = (
+            f'#define {self.prefix.upper()}_ID "{self.digest}" /* of sources, '
+            "model and tuning */\n"
+        )
         texts[f"{self.prefix}.h"] = header.replace(guard, f"{guard}{identity}", 1)
         texts[f"{self.prefix}_tables.h"] = render(
             "tables.h", prefix=self.prefix, structs=self.structs

@@ -1,4 +1,4 @@
-"""Memory and time of the exported controllers on other processors, as ``benchmarks/targets.py`` has measured them."""
+"""Memory and time of exported controllers on other processors (``benchmarks/targets.py``)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _HEADER = [
 
 
 def published(name: str, target: str) -> dict[str, Any] | None:
-    """Shipped figures of an export on a processor for ``figures.md.j2``, None if there are none."""
+    """Shipped figures of an export on a processor for ``figures.md.j2``; None without any."""
     measured = json.loads(
         resources.files("fsw_export").joinpath("targets.json").read_text(encoding="utf-8")
     )
@@ -46,7 +46,7 @@ def published(name: str, target: str) -> dict[str, Any] | None:
 
 
 def results_page(measured: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
-    """The page of measured figures, by export and target as ``benchmarks/targets.py`` measures them."""
+    """Page of the figures that ``benchmarks/targets.py`` measures, by export and target."""
     targets = [(_TITLES[name], of) for name, by in measured.items() for of in by.values()]
     counted = [(title, of) for title, of in targets if "instructions_max" in of]
     others = [of for _, of in targets if "instructions_max" not in of]
@@ -86,7 +86,10 @@ def _milliseconds(instructions: float, clock_mhz: int) -> float:
 
 
 def _longest_ms(measured: Mapping[str, Any], cap: int) -> float:
-    """Time of the worst tick: with an iterative solver that of its limit, else the largest measured."""
+    """Time of the worst tick.
+
+    With an iterative solver that of its limit, else the largest measured.
+    """
     iterative = "iterations_max" in measured
     return _milliseconds(
         _worst(measured, cap) if iterative else measured["instructions_max"], _CLOCK
@@ -103,7 +106,7 @@ def _largest_limit(measured: Mapping[str, Any], clock_mhz: int) -> int:
 
 
 def _derived(measured: Mapping[str, Any]) -> dict[str, Any]:
-    """Measured figures, with the times and the largest limits on the iterations that follow from them."""
+    """Measured figures, with the times and largest limits on the iterations from them."""
     counts, caps = {}, {}
     if "instructions_max" in measured:
         counts = {
@@ -127,7 +130,7 @@ def _derived(measured: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _worst(measured: Mapping[str, Any], cap: int) -> int:
-    """Instructions of a tick that solves twice, the most that it may, each time up to the limit."""
+    """Instructions of a tick that solves twice, the most that it may, up to the limit."""
     without = int(measured["instructions_without"])
     return int(
         without + 2 * cap * (measured["instructions_max"] - without) / measured["iterations_max"]

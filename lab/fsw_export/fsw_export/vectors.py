@@ -31,7 +31,7 @@ _PART = re.compile(r"(\w+)(?:\[(\d+)\])?")
 
 
 class VectorRecorder:
-    """Records input and output of every step of a library, inside a ``with``, which replaces its ``step``."""
+    """Records input and output of every step of a library; a ``with`` replaces its ``step``."""
 
     def __init__(
         self, library: CController, inputs: Sequence[Signal], outputs: Sequence[Signal]
@@ -92,14 +92,18 @@ def recorded(
             raise InputError(f"cannot weld with this model: {error}") from None
     if weld.healthy() < _HEALTHY_SHARE * len(weld.answers):
         raise InputError(
-            f"in the weld of the test vectors only {weld.healthy()} of {len(weld.answers)} proposals were healthy: "
-            "this controller cannot control this model; check model and tuning"
+            f"in the weld of the test vectors only {weld.healthy()} of {len(weld.answers)} "
+            "proposals were healthy: this controller cannot control this model; "
+            "check model and tuning"
         )
     return sources, {"weld": weld, "faults": with_faults(weld)}
 
 
 def with_faults(weld: VectorRecorder) -> VectorRecorder:
-    """Vectors from the ticks of a weld in which every input may be wrong: NaN, infinite, absurd, stale, late."""
+    """Vectors from the ticks of a weld in which every input may be wrong.
+
+    NaN, infinite, absurd, stale, late.
+    """
     rng = random.Random(7)
     names = [signal.name for signal in weld.inputs]
     first = dict(zip(names, weld.ticks[0], strict=True))

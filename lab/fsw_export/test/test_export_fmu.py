@@ -1,4 +1,7 @@
-"""FMUs: valid, with a state that can be restored, and with clear errors; the plant is the emulator."""
+"""FMUs: valid, with a state that can be restored, and with clear errors.
+
+The plant is the emulator.
+"""
 
 import subprocess
 import sys

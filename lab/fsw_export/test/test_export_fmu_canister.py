@@ -1,4 +1,7 @@
-"""The plant on a canister as an FMU: it is the emulator wherever the tool goes, and says in a line what cannot be."""
+"""The plant on a canister as an FMU.
+
+It is the emulator wherever the tool goes, and says in a line what cannot be.
+"""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -63,7 +66,10 @@ def running(tmp_path: Path) -> Iterator[Units]:
 
 
 def test_canister_fmu_matches_the_emulator_along_a_path(unit: Path, running: Units) -> None:
-    """From the heating on; standing, on the way down, at two speeds, with a dead time of a broken number of steps."""
+    """From the heating on.
+
+    Standing, on the way down, at two speeds, with a dead time of a broken number of steps.
+    """
     assert fmpy.validation.validate_fmu(str(unit)) == []
     own = {"start.temperature_c": 800.0, "start.power_kw": 45.0}
     emulator = PlantEmulator(

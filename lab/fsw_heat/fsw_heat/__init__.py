@@ -1,4 +1,7 @@
-"""Heat in the canister's end by finite elements, reduced: for a plant (``fsw_plant.canister``) and for its field."""
+"""Heat in the canister's end by finite elements, reduced.
+
+For a plant (``fsw_plant.canister``) and for its field.
+"""
 
 from fsw_heat.compaction import load_or_compact
 from fsw_heat.reduced import ReducedCanister, load_or_reduce

@@ -58,7 +58,7 @@ def _shape(parameters: CanisterParameters, kind: type[Any]) -> str:
 def cache_path(
     parameters: CanisterParameters, folder: Path | None = None, kind: type[Any] = Projection
 ) -> Path:
-    """Where the projection of a geometry, or another kind of reduction, is kept, by default in the user's cache."""
+    """File of a geometry's projection or another reduction, by default in the user's cache."""
     digest = hashlib.sha256(_shape(parameters, kind).encode()).hexdigest()[:16]
     return (
         folder or user_cache("fsw_canister")
@@ -79,7 +79,10 @@ def kept(
     make: Callable[[], Kind],
     progress: Progress | None = None,
 ) -> Kind:
-    """A reduction, a dataclass of arrays, from the cache or made now and kept; see ``reduced.load_or_reduce``."""
+    """A reduction, a dataclass of arrays, from the cache or made now and kept.
+
+    See ``reduced.load_or_reduce``.
+    """
     given, shape = cache is not None and cache.suffix == ".npz", _shape(parameters, kind)
     path = cache if cache is not None and given else cache_path(parameters, cache, kind)
     reduction = _read(path, kind, shape, refuse=given)
@@ -97,7 +100,10 @@ def kept(
 
 
 def _read(path: Path, kind: type[Kind], shape: str, refuse: bool) -> Kind | None:
-    """What a file holds, if it is there and whole; one of another shape is refused or made anew."""
+    """What a file holds, if it is there and whole.
+
+    One of another shape is refused or made anew.
+    """
     try:
         with np.load(path, allow_pickle=False) as content:
             was = json.loads(str(content["shape"]))

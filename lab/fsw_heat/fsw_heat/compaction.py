@@ -1,4 +1,4 @@
-"""Makes the compact model of a canister (``heat_model.py``) from the projection by finite elements."""
+"""Compact model of a canister (``heat_model.py``) from the projection by finite elements."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ _MOST = 150
 def load_or_compact(
     parameters: CanisterParameters, cache: Path | None = None, progress: Progress | None = None
 ) -> CompactCanister:
-    """The compact model, from the cache or made now; arguments and errors as of ``reduced.load_or_reduce``."""
+    """The compact model, from the cache or made now.
+
+    Arguments and errors as of ``reduced.load_or_reduce``.
+    """
 
     def make() -> Compact:
         return compact_of(projection_of(parameters, cache, progress), parameters)
@@ -81,7 +84,7 @@ def compact_of(
 def _gramians(
     q: Projection, tables: list[Array], decay: Array, radius_mm: float
 ) -> tuple[Array, Array]:
-    """Gramians of the even and of the odd part, in the eigenvectors of typical copper, mean of positions and speeds.
+    """Gramians of even and odd part in eigenvectors of typical copper, mean of all places.
 
     The response to an impulse at a position is known, ``b exp(-decay t)`` times cosine and sine of
     ``s m t``; so are the integrals over all time.

@@ -41,12 +41,18 @@ class Cloud:
     weight: Array
 
     def cosines(self, modes: int) -> Array:
-        """Weights of each point in the modes 0 to ``modes`` - 1: the cloud is even in the angle."""
+        """Weights of each point in the modes 0 to ``modes`` - 1.
+
+        The cloud is even in the angle.
+        """
         return np.asarray(self.weight * np.cos(np.arange(modes)[:, None] * self.angle_rad))
 
 
 def one_thread() -> AbstractContextManager[Any]:
-    """Linear algebra in one thread: for matrices of this size more of them only wait for each other."""
+    """Linear algebra in one thread.
+
+    For matrices of this size more of them only wait for each other.
+    """
     return extra("threadpoolctl").threadpool_limits(1)  # type: ignore[no-any-return]
 
 
@@ -149,7 +155,10 @@ class Elements:
         return index(self._r_lines, r_m), index(self._z_lines, z_m)
 
     def at(self, r_m: ArrayLike, z_m: ArrayLike) -> Any:
-        """Sparse matrix from the unknowns of a mode to its values at n points; InputError for one off the copper."""
+        """Sparse matrix from the unknowns of a mode to its values at n points.
+
+        InputError for one off the copper.
+        """
         from scipy.sparse import csr_matrix
 
         r, z = (np.ravel(np.asarray(x, dtype=np.float64)) for x in np.broadcast_arrays(r_m, z_m))
@@ -197,7 +206,10 @@ class Elements:
         )
 
     def shoulder(self, axial_m: float) -> Cloud:
-        """Where the shoulder makes heat: on the surface outside the probe, torque x speed of an even shear stress."""
+        """Where the shoulder makes heat.
+
+        On the surface outside the probe, torque x speed of an even shear stress.
+        """
         p = self.parameters
         radii = _gauss(6, p.probe_radius_mm, p.shoulder_radius_mm)
         return self._round(axial_m, *radii, power=2, surface=True)

@@ -1,4 +1,7 @@
-"""Figure of the heat in a canister: the outer surface unrolled, the section at the tool, and curves."""
+"""Figure of the heat in a canister.
+
+The outer surface unrolled, the section at the tool, and curves.
+"""
 
 from __future__ import annotations
 
@@ -125,8 +128,8 @@ def _when(picture: HeatPicture, at_s: float) -> str:
     i = max(int(np.searchsorted(history.time_s, at_s + 1e-6)) - 1, 0)
     minutes, seconds = divmod(round(at_s), 60)
     return (
-        f"{minutes}:{seconds:02d} min, {phase.replace('_', ' ')}; stir zone {history.stir_zone_c[i]:.0f} °C, "
-        f"{history.course.power_kw[i]:.1f} kW"
+        f"{minutes}:{seconds:02d} min, {phase.replace('_', ' ')}; "
+        f"stir zone {history.stir_zone_c[i]:.0f} °C, {history.course.power_kw[i]:.1f} kW"
     )
 
 

@@ -1,4 +1,7 @@
-"""A weld's heat over its time: what the tool did goes in, temperatures and files of them come out."""
+"""A weld's heat over its time.
+
+What the tool did goes in, temperatures and files of them come out.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,7 @@ _POINTS_PER_WAVE = 3
 
 
 def write_vtk(history: HeatHistory, times_s: Sequence[float], folder: Path) -> list[Path]:
-    """Write a file for each moment into a folder that exists, and one that has them in order of time.
+    """Write a file for each moment into an existing folder, and one with their order in time.
 
     Returns their paths, ``canister.vtu.series`` first.
     """
@@ -100,7 +103,7 @@ class HeatHistory:
         return float(self.kept_s[i]), self.states[i]
 
     def thermocouples(self, places: Sequence[tuple[float, float, float]]) -> Array:
-        """Temperatures at places (radius [mm], angle [rad], height above the joint line [mm]), (kept, places)."""
+        """Temperatures (kept, places) at radius [mm], angle [rad], height over the joint line."""
         r, angle, z = np.array(places, dtype=float).reshape(-1, 3).T
         return np.array([self.canister.temperature_c(state, r, angle, z) for state in self.states])
 
@@ -112,7 +115,9 @@ def heat_history(
     dt_s: float,
     progress: Callable[[float], None] | None = None,
 ) -> HeatHistory:
-    """Heat a canister by a weld, in steps of ``dt_s``; ``progress`` is called with the share that is done.
+    """Heat a canister by a weld, in steps of ``dt_s``.
+
+    ``progress`` is called with the share that is done.
 
     Raises
     ------

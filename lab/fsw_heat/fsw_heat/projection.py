@@ -67,7 +67,7 @@ class Projection:
         return np.flatnonzero(np.diff(self.mode, prepend=-1, append=-1))
 
     def diagonal(self, k: float, surface: float, clamp: float) -> tuple[Array, list[Array]]:
-        """Eigenvalues and eigenvectors of each mode for such a conductivity and heat transfer, (n,) and blocks."""
+        """Eigenvalues (n,) and eigenvectors of each mode for a conductivity and heat transfer."""
         values, turn = [], []
         for a, b in pairwise(self.ends.tolist()):
             conduction, losses, clamped = (
@@ -80,7 +80,7 @@ class Projection:
         return np.concatenate(values), turn
 
     def turned(self, rows: Array, turn: list[Array]) -> Array:
-        """Rows of values in the basis, (..., n), as values in the eigenvectors of :meth:`diagonal`."""
+        """Rows of values (..., n) of the basis, in the eigenvectors of :meth:`diagonal`."""
         parts = [
             rows[..., a:b] @ t
             for (a, b), t in zip(pairwise(self.ends.tolist()), turn, strict=True)
@@ -89,7 +89,9 @@ class Projection:
 
 
 def project(parameters: CanisterParameters, progress: Progress | None = None) -> Projection:
-    """Make the basis of every mode, and project on it; ``progress`` gets the share that is done and a text.
+    """Make the basis of every mode, and project on it.
+
+    ``progress`` gets the share that is done and a text.
 
     Raises
     ------
@@ -173,7 +175,7 @@ def _own_decay_per_s(mode: int, radius_m: float) -> float:
 
 
 def _left_out(matrix: Any, loads: Array, basis: Array) -> Array:
-    """Temperature at the rim, for 1 W of probe and shoulder at rest, that is not in a mode's basis, (2, positions)."""
+    """Rim temperature of 1 W of probe and shoulder outside a mode's basis, (2, positions)."""
     *sources, rim = loads
     exact = _factors(matrix).solve(rim.T).T
     kept = np.linalg.solve(basis.T @ (matrix @ basis), (rim @ basis).T).T @ basis.T
@@ -219,7 +221,7 @@ def _basis(elements: Elements, stiffness: Any, loads: Array, mode: int) -> Array
 
 
 def _responses(matrix: Any, capacity: Any, loads: Array, mode: int, radius_m: float) -> Array:
-    """Responses to loads at several time scales, and at rest but for mode 0, whose rest losses alone decide."""
+    """Responses to loads at several time scales, and at rest except for mode 0."""
     shifts = [s for s in _SHIFTS_PER_S if s > _SLOWER * _own_decay_per_s(mode, radius_m)]
     shifts = [0.0, *shifts] if mode else shifts
     return np.concatenate(

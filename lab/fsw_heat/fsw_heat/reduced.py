@@ -40,7 +40,7 @@ def load_or_reduce(
 
 
 class ReducedCanister(HeatModel):
-    """The canister's heat, stepped exactly for a power, a traverse speed and an axial position that are held.
+    """The canister's heat, stepped exactly for a held power, traverse speed and axial position.
 
     Parameters and projection are of the same geometry.
     """

@@ -38,7 +38,10 @@ class TestCache:
 
     @pytest.fixture
     def made(self, monkeypatch: pytest.MonkeyPatch) -> list[CanisterParameters]:
-        """What a projection was made for; all get that of the tiny canister, which is computed once."""
+        """What a projection was made for.
+
+        All get that of the tiny canister, which is computed once.
+        """
         asked: list[CanisterParameters] = []
 
         def project(parameters: CanisterParameters, _progress: object) -> Projection:
@@ -62,9 +65,10 @@ class TestCache:
     def test_concurrent_processes_may_write_the_same_cache(self, tmp_path: Path) -> None:
         """One begins and ends while the other is half-way; a third finds what they left."""
         code = (
-            "import sys; from pathlib import Path; from fsw_plant.canister import CanisterParameters;"
-            "from fsw_heat import load_or_reduce;"
-            "load_or_reduce(CanisterParameters.from_yaml(sys.argv[1]), Path(sys.argv[2]))"
+            "import sys; from pathlib import Path; "
+            "from fsw_plant.canister import CanisterParameters;from fsw_heat import "
+            "load_or_reduce;load_or_reduce(CanisterParameters.from_yaml(sys.argv[1]), "
+            "Path(sys.argv[2]))"
         )
         seen: list[float] = []
 

@@ -37,7 +37,10 @@ TABLE = {
 
 
 def line_k(after_s: float, ahead_m: float, aside_m: float, edge_m: float) -> float:
-    """Green's function: a line source of 20 kW/m that has moved for a while, and its image in the edge."""
+    """Green's function.
+
+    A line source of 20 kW/m that has moved for a while, and its image in the edge.
+    """
 
     def integrand(age_s: float) -> float:
         ahead = ahead_m + SPEED_M_PER_S * age_s
@@ -85,7 +88,10 @@ def test_a_moving_line_source_heats_a_plate_as_in_the_table(edge_mm: float) -> N
 
 @pytest.mark.full
 def test_a_line_source_far_from_edges_reaches_the_steady_field_of_rosenthal() -> None:
-    """Edges at 250 mm, whose image belongs to the closed form; before the period of 2 m is noticed."""
+    """Edges at 250 mm, whose image belongs to the closed form.
+
+    Before the period of 2 m is noticed.
+    """
     wide = plate(250.0)
     state = wide.step(wide.initial(), 0.16, 1e3 * SPEED_M_PER_S, 0.0, 700.0)
     for ahead, aside in (

@@ -1,4 +1,7 @@
-"""The compact canister in the tool's frame: beside the reduced one, at every speed, and from the cache."""
+"""The compact canister in the tool's frame.
+
+Beside the reduced one, at every speed, and from the cache.
+"""
 
 from pathlib import Path
 
@@ -35,7 +38,10 @@ def canister() -> CompactCanister:
 
 
 def weld(second: float) -> tuple[float, float, float]:
-    """Power kW, traverse mm/s and position mm: dwell, descent, a stop, another speed, the way up; power changes."""
+    """Power kW, traverse mm/s and position mm: dwell, descent, a stop, another speed, the way up.
+
+    Power changes.
+    """
     speed = (
         0.0
         if second < 100.0 or 700.0 < second < 760.0

@@ -209,6 +209,8 @@ def _file(path: Path) -> _Table:
     )
     if begin == len(lines):
         raise InputError(f"{path}: is empty")
+    # By the header, which has no numbers: a comma below may be a decimal one. Of equal counts the
+    # first wins, the semicolon of spreadsheets whose language has decimal commas.
     delimiter = max(";\t,", key=lines[begin].count)
     reader = csv.reader(io.StringIO("\n".join(lines[begin:])), delimiter=delimiter)
     headers = [header.strip() for header in next(reader)]
@@ -241,6 +243,7 @@ def _name_and_unit(header: str) -> tuple[str, str]:
     text = header.strip().lower()
     if bracketed := re.fullmatch(r"(.*?)[\s_/,]*[\[(](.*)[\])]", text):
         return re.sub(r"\W+", "_", bracketed[1]).strip("_"), re.sub(r"\s", "", bracketed[2])
+    # the longest first, as a unit may end like another one: _rad_per_s before _s
     units = {unit for known in _UNITS.values() for unit in known}
     for unit in sorted(units, key=len, reverse=True):
         if text.endswith(f"_{unit}"):
@@ -310,6 +313,7 @@ def _signals(name: str, numbers: Mapping[str, FloatArray], table: _Table) -> Wel
     tick = np.round((time_s - time_s[0]) / TICK_S).astype(np.int64)
     present, group = np.unique(tick, return_inverse=True)
 
+    # Means, not every tenth sample: a log at 100 Hz would alias its noise into the tick's band.
     def mean(quantity: str) -> FloatArray:
         values = numbers.get(quantity)
         if values is None:

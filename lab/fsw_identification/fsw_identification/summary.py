@@ -43,6 +43,7 @@ def estimates(fit: Fit, air: dict[str, float] | None = None) -> dict[str, tuple[
         fit.offset_std.tolist(),
         strict=True,
     ):
+        # A mean force or heat of all data is no disturbance but another operating point.
         if abs(offset) > _SIGNIFICANT * std:
             known[name] = (getattr(fit.parameters, name) - offset, std)
     return known

@@ -94,6 +94,8 @@ def prepare(signals: WeldSignals, drive_lag_s: float, in_air: bool = False) -> W
     acting = _acting(signals, drive_lag_s, notes)
     sensors = sensors if in_air else _usable(signals, sensors, notes)
     row = np.round((signals.stamp_ns - signals.stamp_ns[0]) / (TICK_S * NANOSECONDS)).astype(int)
+    # A short gap is bridged by the held inputs and NaN samples; over a long one the state is lost,
+    # and the rest is a segment with an initial state of its own.
     cuts = np.flatnonzero(np.diff(row) * TICK_S > _LONGEST_GAP_S) + 1
     segments = []
     for part in np.split(np.arange(row.size), cuts):
@@ -135,6 +137,7 @@ def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
     """Actual force and speed per tick: drive feedback, or commands filtered by the drive lag."""
     if signals.drives is not None:
         acting = np.column_stack([signals.drives.force_kn, signals.drives.speed_rpm])
+        # feedback has the disturbances that act on the drives, which no filtered command shows
         if np.isfinite(acting).all(axis=1).mean() > 0.5:
             return acting
     commands = np.column_stack([_filled(signals.force_kn), _filled(signals.speed_rpm)])
@@ -145,6 +148,7 @@ def _acting(signals: WeldSignals, lag_s: float, notes: list[str]) -> FloatArray:
     notes.append(
         "no drives' feedback: the commands are used instead, without disturbances of the inputs"
     )
+    # the drives' lag, exact for commands that are held over a tick, from rest at the first one
     left = np.exp(-TICK_S / lag_s) if lag_s > 0.0 else 0.0
     acting, _ = scipy.signal.lfilter(
         [0.0, 1.0 - left], [1.0, -left], commands, axis=0, zi=commands[:1]

@@ -76,7 +76,10 @@ def case(
     width: int = 3,
     left: float = 0.0,
 ) -> Case:
-    """Random data; powers of ten of the priors within ``scales``, and noise of this autocorrelation."""
+    """Random data.
+
+    Powers of ten of the priors within ``scales``, and noise of this autocorrelation.
+    """
     generator = np.random.default_rng(seed)
     lags_s, gains = (np.array(numbers) for numbers in MODES[output])
     factor = generator.uniform(0.8, 1.2, n)
@@ -126,7 +129,10 @@ def test_elimination_matches_dense_least_squares(
 
 @pytest.mark.parametrize("output", ["depth", "temperature"])
 def test_elimination_stays_positive_definite_for_priors_of_any_size(output: str) -> None:
-    """Twelve powers of ten between what may change: normal equations are not positive definite there any more."""
+    """Twelve powers of ten between what may change.
+
+    Normal equations are not positive definite there any more.
+    """
     broken = 0
     for seed in range(20):
         problem = case(output, 12 * KNOT_TICKS, seed, (-7.0, 5.0))

@@ -403,7 +403,10 @@ def test_steady_disturbances_neither_drift_nor_shift() -> None:
 @pytest.mark.slow
 @pytest.mark.full
 def test_fast_disturbance_of_the_temperature() -> None:
-    """What heat and offset add together stays of the disturbance's size; it grew from iteration to iteration."""
+    """What heat and offset add together stays of the disturbance's size.
+
+    It grew from iteration to iteration.
+    """
     signals = weld()
     ticks = np.arange(544)
     signals.temperature_c[480:1024] -= 3.9 * np.sin(2.0 * np.pi * ticks / 342.0)

@@ -32,8 +32,8 @@ _ONLY_RUN, _ONLY_REPORT = (
     ),
     file(
         "--out",
-        "folder for the welds (default out/<date>_<campaign>); of a report the file, .html with its figures in it "
-        "or .md with figures beside it (default DIR/report.html)",
+        "folder for the welds (default out/<date>_<campaign>); of a report the file, "
+        ".html with its figures in it or .md with figures beside it (default DIR/report.html)",
         "OUT",
     ),
     switch("--resume", "run the welds that are still missing in the folder"),
@@ -56,10 +56,10 @@ _ONLY_RUN, _ONLY_REPORT = (
     file("--limits", "after report: limits on figures of merit (YAML) instead of its own"),
     FORMAT_BESIDE,
     FORCE,
-    description="Run the welds of a campaign file on Dask, into a folder with one Parquet dataset; or, with "
-    "'report', write a report on the welds in such a folder.",
-    usage="%(prog)s [-h] FILE [--out DIR] [--resume] [--welds N] [--workers N] [--scheduler ADDRESS]\n"
-    "       [--trusted FILE] [--require-signed]\n"
+    description="Run the welds of a campaign file on Dask, into a folder with one Parquet "
+    "dataset; or, with 'report', write a report on the welds in such a folder.",
+    usage="%(prog)s [-h] FILE [--out DIR] [--resume] [--welds N] [--workers N] [--scheduler "
+    "ADDRESS]\n       [--trusted FILE] [--require-signed]\n"
     "       %(prog)s report DIR [--out FILE] [--limits FILE] [--format FORMAT] [--force]",
     needs=Extra("fsw-lab", "campaign", ("distributed", "pyarrow")),
 )
@@ -68,13 +68,14 @@ def campaign(arguments: argparse.Namespace) -> int:
     wrong = [name for name in (_ONLY_RUN if report else _ONLY_REPORT) if getattr(arguments, name)]
     if report and (wrong or arguments.folder is None):
         raise CommandError(
-            "campaign report: give the folder of a campaign, and no options other than --out, --limits, "
-            "--format and --force"
+            "campaign report: give the folder of a campaign, and no options other than --out, "
+            "--limits, --format and --force"
         )
     if wrong:
         raise CommandError(
-            f"campaign: {', '.join(wrong)}: only for 'campaign report'; a campaign takes its limits from its file "
-            "and its folder from --out, and never replaces files"
+            f"campaign: {', '.join(wrong)}: only for 'campaign report'; "
+            "a campaign takes its limits from its file and its folder from --out, "
+            "and never replaces files"
         )
     return _report(arguments) if report else _weld(arguments)
 
@@ -86,7 +87,8 @@ def _weld(arguments: argparse.Namespace) -> int:
         raise CommandError("campaign: --resume needs --out with the folder of the campaign")
     if arguments.workers is not None and (arguments.workers < 1 or arguments.scheduler):
         raise CommandError(
-            "campaign: --workers must be at least 1 and cannot be combined with --scheduler, which has its own"
+            "campaign: --workers must be at least 1 and cannot be combined with "
+            "--scheduler, which has its own"
         )
     trusted = trusted_keys(arguments) or None
     campaign = definition.load(arguments.file, arguments.welds, trusted, arguments.require_signed)
@@ -105,7 +107,8 @@ def _weld(arguments: argparse.Namespace) -> int:
             print(f"interrupted; {state}; continue with --resume", file=sys.stderr)
             return 130
     print(
-        f"in {folder}: {total} welds, {total - there} of them new; next: {program()} campaign report {folder}"
+        f"in {folder}: {total} welds, {total - there} of them new; "
+        f"next: {program()} campaign report {folder}"
     )
     return 0
 

@@ -1,4 +1,7 @@
-"""``fsw.py canister``: the heat of a weld in the canister, as table, figure, VTK files and thermocouples."""
+"""``fsw.py canister``.
+
+The heat of a weld in the canister, as table, figure, VTK files and thermocouples.
+"""
 
 from __future__ import annotations
 
@@ -58,8 +61,8 @@ _ONLY_WITHOUT_BAG = ("power", "scenario", "canister")
     repeated(
         "--probe",
         "R,ANGLE,Z",
-        "virtual thermocouple: radius [mm], angle from the start [deg], height above the joint line [mm], e.g. "
-        "525,90,-50",
+        "virtual thermocouple: radius [mm], angle from the start [deg], "
+        "height above the joint line [mm], e.g. 525,90,-50",
     ),
     repeated(
         "--at",
@@ -71,9 +74,10 @@ _ONLY_WITHOUT_BAG = ("power", "scenario", "canister")
     picture("--figure", "surface, section and curves in one figure"),
     file("--vtk", "temperatures of the whole geometry for ParaView", "DIR"),
     FORCE,
-    description="Compute the heat of a weld in the canister, by conduction: of a constant power along the tool's "
-    "path of a scenario, from a cold canister, or of the power in a bag recorded with process: canister. Writes a "
-    "table over time and prints the temperatures of each phase.",
+    description="Compute the heat of a weld in the canister, "
+    "by conduction: of a constant power along the tool's path of a scenario, "
+    "from a cold canister, or of the power in a bag recorded with process: canister. "
+    "Writes a table over time and prints the temperatures of each phase.",
 )
 def canister(arguments: argparse.Namespace) -> int:
     _check(arguments)
@@ -97,14 +101,18 @@ def _check(arguments: argparse.Namespace) -> None:
     given = [name for name in _ONLY_WITHOUT_BAG if getattr(arguments, name) is not None]
     if arguments.bag is not None and given:
         raise CommandError(
-            f"canister: --{given[0]} does not go with a bag, which has power, path and canister itself"
+            f"canister: --{given[0]} does not go with a bag, which has power, "
+            "path and canister itself"
         )
     check_new([arguments.csv, arguments.figure], arguments.force)
     arguments.probe = [_probe(text) for text in arguments.probe]
 
 
 class _Probe(NamedTuple):
-    """A virtual thermocouple: as it was given, in words for a figure, and radius [mm], angle [rad], height [mm]."""
+    """A virtual thermocouple.
+
+    As it was given, in words for a figure, and radius [mm], angle [rad], height [mm].
+    """
 
     text: str
     words: str
@@ -203,11 +211,13 @@ def _print(weld: CanisterWeld, history: HeatHistory, step_us: float) -> None:
     """What was computed, and the temperatures of each phase."""
     p, canister, last = weld.parameters, history.canister, history.states[-1]
     print(
-        f"{weld.name}: outer radius {p.outer_radius_mm:g} mm, wall {p.wall_mm:g} mm, lid {p.lid_mm:g} mm"
+        f"{weld.name}: outer radius {p.outer_radius_mm:g} mm, wall {p.wall_mm:g} mm, "
+        f"lid {p.lid_mm:g} mm"
     )
     stored_mj = 1e-6 * canister.stored_j(last)
     print(
-        f"{canister.states} states, {step_us:.0f} us a step; {stored_mj:.1f} MJ in the copper at the end"
+        f"{canister.states} states, {step_us:.0f} us a step; "
+        f"{stored_mj:.1f} MJ in the copper at the end"
     )
     if weld.stir_zone_c is not None:
         largest = abs(history.stir_zone_c - weld.stir_zone_c).max()

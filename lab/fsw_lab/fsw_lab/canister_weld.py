@@ -1,4 +1,7 @@
-"""What heats a canister: a constant power along a scenario's path, or what the bag of a weld has."""
+"""What heats a canister.
+
+A constant power along a scenario's path, or what the bag of a weld has.
+"""
 
 from __future__ import annotations
 
@@ -89,7 +92,8 @@ def recorded(bag: Path) -> CanisterWeld:
     config = PlantConfig.from_values(scenario.plant) if scenario else None
     if scenario is None or config is None or config.canister is None:
         raise CommandError(
-            f"{bag}: not of a weld on a plant with process: canister; leave the bag out for --power"
+            f"{bag}: not of a weld on a plant with process: canister; "
+            "leave the bag out for --power"
         )
     truth = signals.truth
     known = truth is not None and np.isfinite(truth.process_power_kw) & np.isfinite(
@@ -125,7 +129,10 @@ def _motion(path: ToolPath, time_s: FloatArray) -> tuple[FloatArray, FloatArray]
 def _motion_of(
     signals: WeldSignals, scenario: Scenario, config: PlantConfig, time_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Speed and height between the times; by the angle where a programme was played, for it may have been held."""
+    """Speed and height between the times.
+
+    By the angle where a programme was played, for it may have been held.
+    """
     known = np.flatnonzero(np.isfinite(signals.angle_deg))
     if not known.size:
         return _motion(

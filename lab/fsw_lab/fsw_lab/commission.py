@@ -1,4 +1,7 @@
-"""``fsw.py commission``: leads through the commissioning of a running graph, from a check to an acceptance test."""
+"""``fsw.py commission``.
+
+Leads through the commissioning of a running graph, from a check to an acceptance test.
+"""
 
 from __future__ import annotations
 
@@ -56,13 +59,17 @@ _TICKS = 100
 #: the experiment ends with a return to the operating point, which takes so long
 _RETURN_S = 30.0
 #: what to do when ticks were not commanded
-_TOO_FAST = "; where the graph cannot keep up with the emulator, start that with -p speed:=0.0, so that it waits"
+_TOO_FAST = (
+    "; where the graph cannot keep up with the emulator, "
+    "start that with -p speed:=0.0, so that it waits"
+)
 _TUNINGS = ("conservative", "tight", "smith")
 
 
 @command(
     "commission",
-    "lead through the commissioning of a running graph: check, experiment, model, tuning, acceptance test",
+    "lead through the commissioning of a running graph: check, experiment, model, "
+    "tuning, acceptance test",
     *GRAPH,
     file(
         "--out",
@@ -86,7 +93,8 @@ _TUNINGS = ("conservative", "tight", "smith")
         "--experiment",
         metavar="SCENARIO",
         default="identify_closed_loop",
-        help="steps of set-points, shipped or a YAML file, e.g. from fsw.py identify --design (default %(default)s)",
+        help="steps of set-points, shipped or a YAML file, e.g. "
+        "from fsw.py identify --design (default %(default)s)",
     ),
     option(
         "--acceptance",
@@ -110,9 +118,12 @@ _TUNINGS = ("conservative", "tight", "smith")
         0.1,
     ),
     switch("--yes", "yes to every step, for scripts; leaves after one that fails"),
-    description=f"Lead through commissioning: {'; '.join(f'{name}: {step.text}' for name, step in STEPS.items())}. "
-    "Every step is asked for: yes, no (refuse it and leave), quit, or the name of an earlier step to repeat. "
-    "With the same --out it resumes where it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
+    description="Lead through "
+    "commissioning: "
+    f"{'; '.join(f'{name}: {step.text}' for name, step in STEPS.items())}. "
+    "Every step is asked for: yes, no (refuse it and leave), quit, "
+    "or the name of an earlier step to repeat. With the same --out it resumes where "
+    "it was left. Nothing moves without a yes; Ctrl-C aborts a weld.",
 )
 def commission(arguments: argparse.Namespace) -> int:
     # errors in them are reported before anything is done
@@ -140,7 +151,8 @@ def commission(arguments: argparse.Namespace) -> int:
     done = session.run(once=arguments.yes)
     left = session.course.next
     print(
-        f"\n{'commissioned' if done else f'left at {left}; the same command resumes there'}: {arguments.out / _REPORT}"
+        f"\n{'commissioned' if done else f'left at {left}; the same command resumes there'}: "
+        f"{arguments.out / _REPORT}"
     )
     return 0 if done else 1
 
@@ -169,13 +181,19 @@ class Work:
             course.model_dump(mode="json"), sort_keys=False, allow_unicode=True, width=120
         )
         write_text(self._folder / _COURSE, text)
-        words = f"Of `{self._arguments.controller}` with fsw-control {__version__}, by `{program()} commission`."
+        words = (
+            f"Of `{self._arguments.controller}` with fsw-control {__version__}, "
+            f"by `{program()} commission`."
+        )
         write_report(course, self._folder / _REPORT, words)
 
     def warning(self, step: str) -> str:
         """What a step is about to move."""
         if step == "apply":
-            return f"   {self._arguments.controller} gets another tuning: no jump, but it will control differently"
+            return (
+                f"   {self._arguments.controller} gets another tuning: no jump, "
+                "but it will control differently"
+            )
         scenario = self.scenario(step)
         at = [
             (event.reference.depth_mm, event.reference.temperature_c)
@@ -190,7 +208,10 @@ class Work:
             for c, u in ((depths, "mm"), (temperatures, "degC"))
             if c
         )
-        return f"   moves for {scenario.duration_s:g} s: set-points of {span}, by {scenario.controller}; Ctrl-C aborts"
+        return (
+            f"   moves for {scenario.duration_s:g} s: set-points of {span}, "
+            f"by {scenario.controller}; Ctrl-C aborts"
+        )
 
     def check(self) -> Outcome:
         """Listen to the graph at rest."""
@@ -247,7 +268,10 @@ class Work:
         return outcome_of(rows, _now(), "files in tuned")
 
     def apply(self) -> Outcome:
-        """Set the gains of the decentralized controller; the NMPC must have been started with its file."""
+        """Set the gains of the decentralized controller.
+
+        The NMPC must have been started with its file.
+        """
         from fsw_lab.commission_ros import parameter, set_parameters
 
         if self._arguments.controller == "decentral":
@@ -258,7 +282,8 @@ class Work:
             for name in ("model_file", "machine_file"):
                 if parameter(self._arguments, "fsw_nmpc", name) != wanted[name]:
                     raise CommandError(
-                        f"the NMPC was started with another {name}: start it with --params-file {self._file()}"
+                        f"the NMPC was started with another {name}: start it with "
+                        f"--params-file {self._file()}"
                     )
             note = f"it was started with {self._file()}"
         return outcome_of([], _now(), note)
@@ -320,7 +345,10 @@ class Work:
         return self._folder / f"{step}_{len(self._bags(step)) + 1}"
 
     def _origin(self, source: Path) -> str:
-        """Comment that says where a file is from: what it was made of, its hash, when and by which software."""
+        """Comment that says where a file is from.
+
+        What it was made of, its hash, when and by which software.
+        """
         of = f"{source.name}, SHA-256 {data_sha256(source)}"
         return f"# Origin: {of}; {_now()}, fsw-control {__version__}, {program()} commission.\n"
 
@@ -330,7 +358,10 @@ def _now() -> str:
 
 
 def cut(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
-    """The ticks of a scenario, by its first change of a set-point; InputError when that is not in the bag."""
+    """The ticks of a scenario, by its first change of a set-point.
+
+    InputError when that is not in the bag.
+    """
     first = [change.begin for change in changes(signals) if change.quantity.endswith("reference")]
     if not first:
         raise InputError(f"{signals.path}: the set-points do not change")

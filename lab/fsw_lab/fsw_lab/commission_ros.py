@@ -1,4 +1,7 @@
-"""What commissioning does in the graph: listen, weld a scenario while recording it, set a controller's parameters."""
+"""What commissioning does in the graph.
+
+Listen, weld a scenario while recording it, set a controller's parameters.
+"""
 
 from __future__ import annotations
 
@@ -102,7 +105,8 @@ def weld(arguments: argparse.Namespace, text: str, bag: Path, guard: Guard) -> N
         code = launcher.stop("recorder")["recorder"]
     if outcome is None:
         raise CommandError(
-            f"{why}; the scenario player does not report the end of the weld: fsw.py weld abort ends it"
+            f"{why}; the scenario player does not report the end of the weld: fsw.py "
+            "weld abort ends it"
         )
     if why:
         raise CommandError(f"{why}; {outcome.verdict}: {outcome.message}")
@@ -110,7 +114,8 @@ def weld(arguments: argparse.Namespace, text: str, bag: Path, guard: Guard) -> N
         raise CommandError(f"{outcome.verdict}: {outcome.message}")
     if code != 0:
         raise CommandError(
-            f"the recorder ended with exit code {code}: {launcher.children['recorder'].last_lines()}"
+            "the recorder ended with exit code "
+            f"{code}: {launcher.children['recorder'].last_lines()}"
         )
 
 
@@ -148,7 +153,10 @@ def welded(
 
 
 def _must_control(node: Operator) -> None:
-    """CommandError unless a controller commands: an experiment must not begin in the safe stop that ended the last."""
+    """CommandError unless a controller commands.
+
+    An experiment must not begin in the safe stop that ended the last.
+    """
     states = node.watch(SupervisorState, "fsw/supervisor/state", LATEST)
     if not node.wait_until(lambda: states):
         raise CommandError(f"no supervisor is heard on {domain_text()}; does the graph run there?")

@@ -24,7 +24,7 @@ from fsw_tuning.margins import GAIN_ACCURACY, texts
 
 
 class Step(NamedTuple):
-    """What a step does, and whether it moves the drives other than the controllers do by themselves."""
+    """What a step does, and whether it moves the drives beyond what the controllers do."""
 
     text: str
     moves: bool = False
@@ -111,7 +111,9 @@ class Session:
     warning: Callable[[str], str] = field(default=lambda _: "")
 
     def run(self, once: bool = False) -> bool:
-        """Ask and carry out until all is done, or the operator leaves; returns whether all is done.
+        """Ask and carry out until all is done, or the operator leaves.
+
+        Returns whether all is done.
 
         ``once``: leave after the first step that is not done.
         """
@@ -264,7 +266,7 @@ def _noise(values: Sequence[float]) -> float:
 
 
 def check_experiment(scenario: Scenario) -> None:
-    """InputError unless a scenario only steps set-points, within the bounds about the operating point."""
+    """InputError unless a scenario only steps set-points, near the operating point."""
     if scenario.open_loop or scenario.phases:
         raise InputError(
             f"{scenario.name}: commissioning takes steps of set-points, no commands and no phases"
@@ -284,14 +286,17 @@ def check_experiment(scenario: Scenario) -> None:
             or abs(temperature_c - weld.TEMPERATURE_C) > SAFE_C
         ):
             raise InputError(
-                f"{scenario.name}: at {event.at_s:g} s {depth_mm:g} mm, {temperature_c:g} degC is further than "
-                f"{SAFE_MM:g} mm, {SAFE_C:g} degC from the operating point"
+                f"{scenario.name}: at {event.at_s:g} s {depth_mm:g} mm, {temperature_c:g} degC is "
+                f"further than {SAFE_MM:g} mm, {SAFE_C:g} degC from the operating point"
             )
 
 
 @dataclass(slots=True)
 class Guard:
-    """Ends an experiment that leaves its bounds: by three samples in succession, so that one spike does not."""
+    """Ends an experiment that leaves its bounds.
+
+    By three samples in succession, so that one spike does not.
+    """
 
     depth_mm: float = SAFE_MM
     temperature_c: float = SAFE_C
@@ -322,7 +327,7 @@ _KNOWN = 5.0
 
 
 def identify_rows(parameters: ModelParameters, deviations: Mapping[str, float]) -> list[Row]:
-    """Standard deviations of what tuning depends on, and parameters beyond what the emulator takes."""
+    """Standard deviations of what tuning depends on; parameters that the emulator refuses."""
     rows = []
     for name in (
         "thermal_gain_c_per_kw",
@@ -416,7 +421,8 @@ def write_report(course: Course, path: Any, origin: str) -> None:
     for number, (name, step) in enumerate(STEPS.items(), start=1):
         outcome = course.of(name)
         lines.append(
-            f"\n## {number}. {name}: {outcome.verdict}\n\n{step.text[0].upper()}{step.text[1:]}. {outcome.at}\n"
+            f"\n## {number}. {name}: {outcome.verdict}\n\n"
+            f"{step.text[0].upper()}{step.text[1:]}. {outcome.at}\n"
         )
         if outcome.note:
             lines.append(f"\n{outcome.note}\n")

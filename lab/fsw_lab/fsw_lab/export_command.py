@@ -28,7 +28,10 @@ EXPORT = group(
 
 
 def _choice(text: str) -> tuple[Option, ...]:
-    """Options that say which model, tuning and parameters are exported; the text is on parameters."""
+    """Options that say which model, tuning and parameters are exported.
+
+    The text is on parameters.
+    """
     return (
         file("--model", "model parameters (YAML) instead of the paper's"),
         file("--tuning", "tuning (YAML) instead of the default one"),
@@ -57,8 +60,9 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
     *_choice("parameter of the controller's node, e.g. temperature_aggressiveness=0.5"),
     file("--out", "folder to write", "DIR", required=True),
     FORCE,
-    description="Write a folder with a controller in C99: sources, tables, example, test vectors of a simulated "
-    "weld, function block, README. The example is compiled and run before the folder is moved into place.",
+    description="Write a folder with a controller in C99: sources, tables, example, "
+    "test vectors of a simulated weld, function block, README. "
+    "The example is compiled and run before the folder is moved into place.",
 )
 def export_c(arguments: argparse.Namespace) -> int:
     try:
@@ -86,8 +90,8 @@ def export_c(arguments: argparse.Namespace) -> int:
         "also a binary for linux64 or win64, by zig",
         choices=("linux64", "win64"),
     ),
-    description="Write a Functional Mock-up Unit: FMI 2.0 for co-simulation with a fixed step of 0.1 s, with "
-    "sources and a binary for this machine. Prints its variables.",
+    description="Write a Functional Mock-up Unit: FMI 2.0 for co-simulation with a fixed step of "
+    "0.1 s, with sources and a binary for this machine. Prints its variables.",
 )
 def export_fmu(arguments: argparse.Namespace) -> int:
     options = _options(arguments) | {"platforms": tuple(arguments.platform)}
@@ -101,6 +105,7 @@ def export_fmu(arguments: argparse.Namespace) -> int:
         [(v.name, v.causality, v.unit or v.type, v.start_text, v.description) for v in variables]
     )
     print(
-        f"{arguments.out}: {len(variables)} variables, {arguments.out.stat().st_size / 1000:.0f} kB"
+        f"{arguments.out}: {len(variables)} variables, "
+        f"{arguments.out.stat().st_size / 1000:.0f} kB"
     )
     return 0

@@ -66,7 +66,7 @@ def check_record(bag: Path, profile: HeatProfile) -> None:
 
 
 def check_type(weld: WeldSignals, earlier: Sequence[WeldSignals]) -> None:
-    """Refuse a weld of another kind of canister or lid, tool, machine or path than an earlier one."""
+    """Refuse a weld of another canister, lid, tool, machine or path than an earlier one."""
     path = _path(weld)
     for other in earlier:
         for key in TYPE:

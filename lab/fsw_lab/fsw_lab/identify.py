@@ -29,13 +29,19 @@ TABLES = (".csv", ".tsv", ".txt")
 
 @dataclass(frozen=True)
 class Identified(Summary):
-    """Model parameters estimated from welds, with their statistics; as text, the tables of ``fsw identify``."""
+    """Model parameters estimated from welds, with their statistics.
+
+    As text, the tables of ``fsw identify``.
+    """
 
     rates: DriveRates = field(default_factory=DriveRates)
 
     @property
     def parameters(self) -> ModelParameters:
-        """The estimate, as the sensors show the process to a controller; what is not estimated is as at the start."""
+        """The estimate, as the sensors show the process to a controller.
+
+        What is not estimated is as at the start.
+        """
         return self.fit.shown
 
     @property

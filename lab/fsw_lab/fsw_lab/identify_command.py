@@ -43,8 +43,8 @@ DRIVE_LAG = number(
     repeated(
         "--column",
         "QUANTITY=NAME",
-        "with a log: name of a column by quantity and unit, e.g. force_n=F_ax; others are found by names such as "
-        "force_kn or 'Axial force [N]'",
+        "with a log: name of a column by quantity and unit, e.g. force_n=F_ax; "
+        "others are found by names such as force_kn or 'Axial force [N]'",
     ),
     file("--out", "model file (YAML); with --design the scenario"),
     file(
@@ -67,7 +67,8 @@ DRIVE_LAG = number(
     DRIVE_LAG,
     switch(
         "--steady",
-        "take disturbances as constant: without drifts and shifts all that is slow is the process's",
+        "take disturbances as constant: without drifts and shifts all that is "
+        "slow is the process's",
     ),
     switch("--design", "propose an experiment and print the accuracy to expect"),
     number(
@@ -79,9 +80,9 @@ DRIVE_LAG = number(
     switch("--open-loop", "propose steps of force and speed, without controller"),
     FORMAT,
     FORCE,
-    description="Estimate the parameters of the process model from one or more recorded welds of one process, in "
-    "open or closed loop, with standard deviations, and write them as a model file. With --design, propose an "
-    "experiment instead.",
+    description="Estimate the parameters of the process model from one or more recorded welds of "
+    "one process, in open or closed loop, with standard deviations, "
+    "and write them as a model file. With --design, propose an experiment instead.",
 )
 def identify(arguments: argparse.Namespace) -> int:
     if arguments.design:
@@ -182,9 +183,9 @@ def _design(arguments: argparse.Namespace) -> int:
     )
     if arguments.open_loop:
         print(
-            "open loop: nothing controls depth and temperature; on a process that differs from the model they drift "
-            "far beyond these bounds. Use it only with a model of this machine (--model), and supervised; otherwise "
-            "use the closed-loop experiment"
+            "open loop: nothing controls depth and temperature; on a process that differs from "
+            "the model they drift far beyond these bounds. Use it only with a model of this "
+            "machine (--model), and supervised; otherwise use the closed-loop experiment"
         )
     if arguments.out is not None:
         write_text(arguments.out, design.scenario)

@@ -38,8 +38,9 @@ MOST_WELDS = 8
     switch("--computed", "bags of simulated welds"),
     DRIVE_LAG,
     FORCE,
-    description="Find the heat into the copper beyond the spindle's power in each weld, by place, and write its "
-    "mean with its standard deviation as a heat profile, and the model file with which the NMPC takes it.",
+    description="Find the heat into the copper beyond the spindle's power in each weld, by place, "
+    "and write its mean with its standard deviation as a heat profile, "
+    "and the model file with which the NMPC takes it.",
 )
 def learn_type(arguments: argparse.Namespace) -> int:
     if (arguments.type is None) == (arguments.update is None):
@@ -129,8 +130,9 @@ def _print(learned: Learned) -> None:
     ]
     print_table(rows, ("weld", "SHA-256", "lacking when left out [kW]"), words=2)
     print(
-        f"copper: {model.thermal_gain_c_per_kw:.3g} degC/kW, {model.copper_lag_s:.3g} s, tool "
-        f"{model.tool_lag_s:.3g} s, dead time {model.dead_time_s:.3g} s; "
+        f"copper: {model.thermal_gain_c_per_kw:.3g} degC/kW, {model.copper_lag_s:.3g} s, "
+        f"tool {model.tool_lag_s:.3g} s, dead time {model.dead_time_s:.3g} s; "
         f"heat: {min(profile.heat_kw):.2f} to {max(profile.heat_kw):.2f} kW over "
-        f"{profile.travel_mm[-1]:.0f} mm, wandering by {learned.walk.heat_kw:.2g} kW per root second"
+        f"{profile.travel_mm[-1]:.0f} mm, wandering by {learned.walk.heat_kw:.2g} "
+        "kW per root second"
     )

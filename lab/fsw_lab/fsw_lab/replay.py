@@ -1,4 +1,6 @@
-"""Deterministic replay: drives a controller by a bag and compares its proposals with the recorded ones.
+"""Deterministic replay.
+
+Drives a controller by a bag and compares its proposals with the recorded ones.
 
 Time comes from the bag alone. At every tick the controller gets what its node had then: the
 samples of that stamp, judged by the same sensor validity, the set-points in force and the command
@@ -89,7 +91,10 @@ class Comparison:
         return [item for item in self.differences if item.size > self.tolerance]
 
     def values(self) -> dict[str, Any]:
-        """The result as plain values for JSON; sizes of differences are absolute, and None without any."""
+        """The result as plain values for JSON.
+
+        Sizes of differences are absolute, and None without any.
+        """
         first = next(iter(self.beyond), None)
         result: dict[str, Any] = {
             "title": self.title,
@@ -114,7 +119,10 @@ class Comparison:
         what = f"{1e3 * first.force_kn:+.6g} N, {first.speed_rpm:+.6g} rpm" + (
             f", {first.text}" if first.text else ""
         )
-        verdict = f"all {self.ticks} proposals reproduced within the tolerance of {self.tolerance:g} (1 + value)"
+        verdict = (
+            f"all {self.ticks} proposals reproduced within the tolerance of "
+            f"{self.tolerance:g} (1 + value)"
+        )
         if self.beyond:
             verdict = f"{len(self.beyond)} of {self.ticks} proposals differ"
         force, speed = (self.values()[name] for name in ("force_kn", "speed_rpm"))
@@ -237,7 +245,10 @@ def replay(
 def _difference(
     proposal: Proposal, force_n: float, speed_rad_s: float, was: tuple[bool, Reason] | None
 ) -> tuple[float, float, float, str] | None:
-    """Force [kN], speed [rpm], size and words by which a proposal differs from the recorded one; None if in nothing."""
+    """Force [kN], speed [rpm], size and words by which a proposal differs from the recorded one.
+
+    None if in nothing.
+    """
     new_force_n, new_speed_rad_s = (
         n_from_kn(proposal.command.force_kn),
         rad_s_from_rpm(proposal.command.speed_rpm),
@@ -296,7 +307,10 @@ class _Sent(Generic[Entry]):
 
 
 def _read_plans(messages: WeldMessages) -> list[tuple[int, tuple[int, ReferencePlan]]]:
-    """Plans that announced set-points, with receive time and stamp [ns], in that order; without those that are refused."""
+    """Plans that announced set-points, with receive time and stamp [ns], in that order.
+
+    Without those that are refused.
+    """
     plans: list[tuple[int, tuple[int, ReferencePlan]]] = []
     for log_ns, _, plan in messages.decoded(PLANNED):
         points = [
@@ -361,7 +375,10 @@ class _Inputs:
         return int(np.searchsorted(self.stamps, end_ns))
 
     def parameters(self, name: str) -> tuple[dict[str, Any], list[str]]:
-        """Recorded parameters of the controller's node, with notes; without them it begins at the first command."""
+        """Recorded parameters of the controller's node, with notes.
+
+        Without them it begins at the first command.
+        """
         notes = []
         try:
             values = recorded_parameters(
@@ -384,11 +401,15 @@ class _Inputs:
         return values, notes
 
     def comparable(self, name: str, notes: list[str]) -> bool:
-        """Whether the bag shows all that the controller knew: from its start on, and in which order."""
+        """Whether the bag shows all that the controller knew.
+
+        From its start on, and in which order.
+        """
         before = any(0 < item.stamp_ns < self.stamps[0] for item in self._stated[:1])
         if before:  # the first set-points that it reports are older
             notes.append(
-                f"the bag begins in mid-weld: the state of {name} then is unknown, its proposals may differ"
+                f"the bag begins in mid-weld: the state of {name} then is unknown, "
+                "its proposals may differ"
             )
         back = bool((np.diff(self.stamps) < 0).any())
         if back:
@@ -398,7 +419,7 @@ class _Inputs:
         return not (before or back)
 
     def set_points(self, notes: list[str]) -> list[tuple[int, Reference]]:
-        """Set-points with the stamp of the tick from which the controller followed each, as it reported them.
+        """Set-points with the stamp of the tick from which the controller reports to follow each.
 
         Where the bag lacks these reports, those count that were received before the samples of a
         tick; the proposal is no measure, because it is later by the solve time.
@@ -419,13 +440,13 @@ class _Inputs:
         if self._by_hand():
             what = "what announces them" if self._stated else "they, and what announces them,"
             notes.append(
-                f"set-points were sent by hand in real time: when {what} reached the controller, the bag does not show "
-                "exactly; proposals after one may differ"
+                f"set-points were sent by hand in real time: when {what} reached the controller, "
+                "the bag does not show exactly; proposals after one may differ"
             )
         return points
 
     def _by_hand(self) -> bool:
-        """Whether set-points arrived in real time with immediate effect, not ahead as a programme sends them."""
+        """Whether set-points arrived in real time with immediate effect, not ahead of time."""
         coming = [
             row for row in self._sent if self.came[0] > SIMULATED_NS and row.log_ns > self.came[0]
         ]
@@ -487,7 +508,10 @@ class _Inputs:
         return [(force, speed, (bool(healthy), reason)) for force, speed, healthy, reason in rows]
 
     def applied_rows(self, stamps: Iterable[int]) -> list[Recorded | None]:
-        """The command applied in each tick; of several commands with one stamp the first, as in the plant."""
+        """The command applied in each tick.
+
+        Of several commands with one stamp the first, as in the plant.
+        """
         commands = {stamp_ns: sent.value for stamp_ns, sent in reversed(self._commands)}
         applied = (commands.get(stamp_ns) for stamp_ns in stamps)
         return [
@@ -497,7 +521,10 @@ class _Inputs:
 
 
 def _latest(waiting: deque[tuple[int, Entry]], until_ns: int, present: Entry) -> Entry:
-    """Take the entries up to a time out of the queue; the last of them, or else the present one."""
+    """Take the entries up to a time out of the queue.
+
+    The last of them, or else the present one.
+    """
     while waiting and waiting[0][0] <= until_ns:
         _, present = waiting.popleft()
     return present

@@ -1,4 +1,7 @@
-"""Writes the bag of a replay: the inputs of a recorded weld, and the proposals of a controller in shadow."""
+"""Writes the bag of a replay.
+
+The inputs of a recorded weld, and the proposals of a controller in shadow.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ _TYPE = "fsw_msgs/msg/WeldCommand"
 
 
 def write_shadow(replay: Replay, source: Path, namespace: str, target: Path) -> None:
-    """Copy the controller's inputs and all that figures and figures of merit need, and add its proposals.
+    """Copy the controller's inputs and all that figures need, and add its proposals.
 
     Raises
     ------

@@ -29,7 +29,9 @@ def tune(
     evaluations: int = 3000,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Tune a controller for a model: parameters of ``decentral``'s node, or the content of a tuning file of ``nmpc``.
+    """Tune a controller for a model.
+
+    Parameters of ``decentral``'s node, or the content of a tuning file of ``nmpc``.
 
     Parameters
     ----------
@@ -87,7 +89,9 @@ def campaign(
     resume: bool = False,
     progress: Callable[[int], None] | None = None,
 ) -> pa.Table:
-    """Run the welds of a campaign on Dask into a folder; returns all of them, a row each. Needs extra ``campaign``.
+    """Run the welds of a campaign on Dask into a folder; returns all of them, a row each.
+
+    Needs extra ``campaign``.
 
     In a script, call it under ``if __name__ == "__main__":``, because Dask starts processes.
 
@@ -153,7 +157,9 @@ def export_c(
     replace: bool = False,
     progress: Progress | None = None,
 ) -> str:
-    """Write a controller as a self-contained folder of C99, with a test that has been run; returns what that printed.
+    """Write a controller as a self-contained folder of C99, with a test that has been run.
+
+    Returns what that printed.
 
     Parameters
     ----------
@@ -201,7 +207,9 @@ def export_fmu(
     platforms: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Content:
-    """Write ``plant``, ``nmpc`` or ``decentral`` as an FMU (FMI 2.0, co-simulation). Needs extra ``fmu``.
+    """Write ``plant``, ``nmpc`` or ``decentral`` as an FMU (FMI 2.0, co-simulation).
+
+    Needs extra ``fmu``.
 
     Returns its content, with the variables; ``platforms`` are further ones than this machine's
     (``linux64``, ``win64``). The other arguments, and what is raised, are those of

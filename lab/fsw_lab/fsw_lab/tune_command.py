@@ -44,7 +44,8 @@ EVALUATIONS = 3000
         "--evaluations",
         "N",
         Range(1, 1_000_000, ""),
-        "of the search, per decentralized tuning; fewer are faster but worse (default %(default)s: some minutes)",
+        "of the search, per decentralized tuning; "
+        "fewer are faster but worse (default %(default)s: some minutes)",
         EVALUATIONS,
         int,
     ),
@@ -55,9 +56,10 @@ EVALUATIONS = 3000
     FORMAT,
     FORCE,
     switch("--no-sweep", "without the figure of processes that differ from the model"),
-    description="Search for the tunings of the decentralized controller for a model, derive that of the NMPC by "
-    "rule, measure the margins of all, plot their performance on processes that differ from the model, and write "
-    "parameter files for the controllers' nodes.",
+    description="Search for the tunings of the decentralized controller for a model, "
+    "derive that of the NMPC by rule, measure the margins of all, "
+    "plot their performance on processes that differ from the model, "
+    "and write parameter files for the controllers' nodes.",
 )
 def tune(arguments: argparse.Namespace) -> int:
     model = ModelParameters.from_file(arguments.model)

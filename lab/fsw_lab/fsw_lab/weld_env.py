@@ -1,4 +1,6 @@
-"""A weld as an environment of Gymnasium, ``fsw/Weld-v0``, alone and many at once; and a policy as a controller.
+"""A weld as an environment of Gymnasium, ``fsw/Weld-v0``, alone and many at once.
+
+And a policy as a controller.
 
 ``gymnasium.make("fsw_lab.weld_env:fsw/Weld-v0")`` needs no import before it; Gymnasium 1.0 has
 given up entry points.
@@ -67,7 +69,7 @@ def observation(values: Array) -> NDArray[np.float32]:
 
 
 def command(action: Array, before: Array) -> Array:
-    """Commands (2, n) by actions (n, 2), changes in shares of the largest step per tick, and the commands before."""
+    """Commands (2, n) by actions (n, 2), shares of the largest step, and earlier commands."""
     wanted = (
         before + np.clip(np.nan_to_num(np.asarray(action, dtype=np.float64).T), -1.0, 1.0) * _STEP
     )
@@ -129,7 +131,7 @@ class _Welds:
         return reward, lost.copy(), (self.plants.tick >= self.n_ticks) & ~lost
 
     def kpi(self) -> dict[str, Array]:
-        """Integrals of the absolute errors so far, by the names of :func:`fsw_analysis.kpi.compute`."""
+        """Integrals of absolute errors so far, named as by :func:`fsw_analysis.kpi.compute`."""
         return {"iae_depth_mm_s": self.iae[0].copy(), "iae_temperature_c_s": self.iae[1].copy()}
 
 
@@ -219,13 +221,16 @@ class WeldEnv(Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 class WeldVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
-    """Many welds of a scenario at once, see :class:`WeldEnv`; one that has ended begins again at the next step.
+    """Many welds of a scenario at once, see :class:`WeldEnv`.
+
+    One that has ended begins again at the next step.
 
     Examples
     --------
     >>> import gymnasium
     >>> import fsw_lab.weld_env
-    >>> envs = gymnasium.make_vec("fsw/Weld-v0", num_envs=8, vectorization_mode="vector_entry_point", scenario="quick")
+    >>> kind = {"num_envs": 8, "vectorization_mode": "vector_entry_point"}
+    >>> envs = gymnasium.make_vec("fsw/Weld-v0", **kind, scenario="quick")
     >>> seen, info = envs.reset(seed=1)
     >>> seen.shape
     (8, 7)
@@ -278,7 +283,9 @@ class WeldVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[
 
 
 class PolicyController(Controller):
-    """A learned policy as a controller, to be compared with the others: ``fsw.compare("quick", ["nmpc", controller])``.
+    """A learned policy as a controller, to be compared with the others.
+
+    ``fsw.compare("quick", ["nmpc", controller])``.
 
     Parameters
     ----------
@@ -290,8 +297,9 @@ class PolicyController(Controller):
     Examples
     --------
     >>> import fsw, fsw_lab.weld_env
-    >>> policy = fsw_lab.weld_env.PolicyController(lambda seen: [5 * (seen[5] - seen[0]) - 2 * seen[3], 0.0])
-    >>> fsw.simulate("quick", policy).kpi["iae_depth_mm_s"] < 3.0
+    >>> policy = lambda seen: [5 * (seen[5] - seen[0]) - 2 * seen[3], 0.0]
+    >>> controller = fsw_lab.weld_env.PolicyController(policy)
+    >>> fsw.simulate("quick", controller).kpi["iae_depth_mm_s"] < 3.0
     True
     """
 

@@ -1,4 +1,7 @@
-"""``fsw.py canister``: the heat of a weld as table, pictures, VTK files and virtual thermocouples."""
+"""``fsw.py canister``.
+
+The heat of a weld as table, pictures, VTK files and virtual thermocouples.
+"""
 
 import csv
 import json

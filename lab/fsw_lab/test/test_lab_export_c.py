@@ -1,4 +1,7 @@
-"""The exported C: compiles everywhere without a warning and answers as Python does; bad input is told in one line."""
+"""The exported C: compiles everywhere without a warning and answers as Python does.
+
+Bad input is told in one line.
+"""
 
 import re
 import shutil
@@ -54,7 +57,10 @@ def test_strict_c99_without_a_warning(exported, compiler, controller):
 @pytest.mark.parametrize("target", [name for name in TARGETS if name != "cortex_m7_sp"])
 @pytest.mark.full
 def test_same_answers_on_every_processor(exported, target, controller, tmp_path):
-    """A weld of 240 s: strict C99 without a warning, and every output within 1e-9 of this machine's."""
+    """A weld of 240 s.
+
+    Strict C99 without a warning, and every output within 1e-9 of this machine's.
+    """
     if missing := TARGETS[target].missing():
         pytest.skip(missing)
     build(exported[controller], TARGETS[target], tmp_path)
@@ -99,7 +105,10 @@ def test_a_wrong_answer_is_noticed(exported, objects, controller, tmp_path):
 @pytest.mark.parametrize("controller", CONTROLLERS)
 @pytest.mark.full
 def test_stack_has_a_bound(exported, controller, tmp_path):
-    """No recursion, no array of variable size: the compiler's call graph gives the largest stack."""
+    """No recursion, no array of variable size.
+
+    The compiler's call graph gives the largest stack.
+    """
     if missing := TARGETS["gcc"].missing():
         pytest.skip(missing)
     build(exported[controller], TARGETS["gcc"], tmp_path, "-DFSW_STACK_USAGE=1")
@@ -169,7 +178,10 @@ def test_bad_input_is_one_line(arguments, words, tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 @pytest.mark.full
 def test_another_model_and_tuning(tmp_path):
-    """The model's numbers are in the tables; an export again moves the one before aside, if it may."""
+    """The model's numbers are in the tables.
+
+    An export again moves the one before aside, if it may.
+    """
     (tmp_path / "model.yaml").write_text("dead_time_s: 1.83\ncopper_lag_s: 20.0\n")
     out = tmp_path / "made"
     command = [sys.executable, "-c", "import sys; from fsw.main import main; sys.exit(main())"]

@@ -1,4 +1,7 @@
-"""FMUs of plant and controller in closed loop are the offline loop; ``fsw.py export fmu`` and its errors."""
+"""FMUs of plant and controller in closed loop are the offline loop.
+
+``fsw.py export fmu`` and its errors.
+"""
 
 import os
 from collections.abc import Iterator
@@ -132,7 +135,10 @@ def test_two_fmus_are_the_offline_loop(
 def test_a_known_set_point_is_prepared_as_offline(
     tmp_path_factory: pytest.TempPathFactory, running: Units
 ) -> None:
-    text = "{name: ahead, duration_s: 30, controller: nmpc, announced: true, plant: {noise: false}, events: [%s]}"
+    text = (
+        "{name: ahead, duration_s: 30, controller: nmpc, announced: true, "
+        "plant: {noise: false}, events: [%s]}"
+    )
     event = "{at_s: 15.0, reference: {depth_mm: 2.8, temperature_c: 820.0}}"
     offline = ClosedLoop(parse(text % event, "test"), {"nmpc": make("nmpc")}).run()
     plant = running.start(fmu_file(tmp_path_factory, "plant"))

@@ -1,4 +1,7 @@
-"""``fsw.py identify`` and ``fsw.py tune``: results, one line for bad input, nothing overwritten."""
+"""``fsw.py identify`` and ``fsw.py tune``.
+
+Results, one line for bad input, nothing overwritten.
+"""
 
 from collections.abc import Mapping
 from math import inf
@@ -270,7 +273,10 @@ def test_tune_refuses_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 class Loops:
-    """Margins that are known at once; the NMPC's are large enough from three quarters of its aggressiveness on."""
+    """Margins that are known at once.
+
+    The NMPC's are large enough from three quarters of its aggressiveness on.
+    """
 
     def __init__(
         self, label: str, parameters: Mapping[str, Any], process: ModelParameters

@@ -1,4 +1,7 @@
-"""Deterministic replay: the recorded build reproduces its proposals, a different one is detected."""
+"""Deterministic replay.
+
+The recorded build reproduces its proposals, a different one is detected.
+"""
 
 import json
 import math
@@ -130,7 +133,10 @@ def on_wire(command: Command) -> dict[str, Any]:
 def followed(
     tape: Tape, tick: int, reference: Reference, late: str, stated: bool, announced: bool
 ) -> Reference:
-    """The set-points that the controller follows in a tick, after those of the last one; see `record`."""
+    """The set-points that the controller follows in a tick, after those of the last one.
+
+    See `record`.
+    """
     if tick == 30 and late == "before the samples":
         tape.put_reference(OTHER, at_once=True)
     if tick == 31 and late:

@@ -1,4 +1,7 @@
-"""``fsw/Weld-v0``: the rules of Gymnasium, and the same weld and figures of merit as the closed loop."""
+"""``fsw/Weld-v0``.
+
+The rules of Gymnasium, and the same weld and figures of merit as the closed loop.
+"""
 
 import doctest
 

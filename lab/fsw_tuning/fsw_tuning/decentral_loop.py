@@ -1,4 +1,6 @@
-"""The decentralized controller in closed loop with a process model: robustness, noise and errors of a set of gains.
+"""The decentralized controller in closed loop with a process model.
+
+Robustness, noise and errors of a set of gains.
 
 Sensitivity and noise come from the frequency response of the sampled, coupled loop, linearised
 about the operating point; the errors from simulation of the nonlinear loop. The plant's
@@ -99,7 +101,7 @@ def simulate(
 def loop_response(
     gains: Gains, parameters: ModelParameters, omega: Vector, latency_ticks: int = 1
 ) -> tuple[Response, Response]:
-    """Sensitivity of the outputs (n, 3, 3) and response of force and speed to sensor noise (n, 2, 3).
+    """Sensitivity of outputs (n, 3, 3) and response of force, speed to sensor noise (n, 2, 3).
 
     At the frequencies ``omega`` (n,), rad/s; ``latency_ticks`` of delay are added between command
     and process.
@@ -163,7 +165,8 @@ def _prediction(gains: Gains, back: Response, lag: Callable[[float], Response]) 
     if not gains.predictor_dead_time * gains.predictor_gain:
         return np.zeros_like(back)
     # What the model says without its dead time, less the same with it (Smith, 1957). The power is
-    # taken as linear between ticks, hence (1 + z^-1) / 2; so is the part of a tick of the dead time.
+    # taken as linear between ticks, hence (1 + z^-1) / 2; so is the part of a tick of the dead
+    # time.
     whole, part = divmod(gains.predictor_dead_time / STEP_S, 1.0)
     model = lag(gains.predictor_copper_lag) * 0.5 * (1.0 + back) * lag(gains.predictor_tool_lag)
     return np.asarray(
@@ -184,7 +187,10 @@ def sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tupl
 def simulated_sensitivity(
     gains: Gains, parameters: ModelParameters | None = None
 ) -> tuple[float, float]:
-    """The same by simulation: from the response to a tiny impulse on one sensor; inf if it does not die out."""
+    """The same by simulation: from the response to a tiny impulse on one sensor.
+
+    Inf if it does not die out.
+    """
     # The impulse response of the closed loop is S itself: the peak of its Fourier transform is Ms.
     peaks = []
     for channel, size in enumerate((1e-5, 1e-4)):
@@ -201,7 +207,7 @@ def simulated_sensitivity(
 
 
 def noise_moves(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
-    """Standard deviation of the moves per tick of force (kN) and speed (rpm) under sensor noise."""
+    """Standard deviation of moves per tick of force (kN) and speed (rpm) under sensor noise."""
     # White noise has equal power at all frequencies: the variance of the moves is the mean of the
     # squared response over the unit circle (Parseval).
     _, by_noise = loop_response(gains, parameters or nominal(), _EVEN, latency_ticks=0)

@@ -1,4 +1,7 @@
-"""Proposes an experiment for identification: informative steps of set-points or inputs within bounds."""
+"""Proposes an experiment for identification.
+
+Informative steps of set-points or inputs within bounds.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,7 @@ _ROUNDS = 5
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """An experiment, the relative standard deviations to expect of it, and how far it moves the nominal process."""
+    """An experiment, its expected relative deviations, and how far it moves the process."""
 
     scenario: str
     deviations: dict[str, float]
@@ -77,7 +80,7 @@ def propose(
     tries: int = 24,
     progress: Callable[[float], None] | None = None,
 ) -> Proposal:
-    """The best of some random binary sequences, by the largest ratio of a standard deviation to its aim.
+    """The best random binary sequence, by the largest ratio of a deviation to its aim.
 
     ``closed``: set-points are stepped under the decentralized controller; otherwise force and
     speed, without controller. ``model`` is the process as far as it is known. ``progress`` is
@@ -90,8 +93,8 @@ def propose(
         )  # only if nothing stays within the share of the bounds
         return max(proposal.deviations[name] / aim for name, aim in AIMS.items()) + 100.0 * beyond
 
-    # Random binary sequences excite all frequencies; which one separates parameters best is hard to
-    # foresee, so that the best of some is taken (minimax over the aims).
+    # Random binary sequences excite all frequencies; which one separates parameters best is hard
+    # to foresee, so that the best of some is taken (minimax over the aims).
     proposals = []
     for seed in range(tries):
         proposals.append(_bounded(seed, duration_s, closed, model))
@@ -140,8 +143,8 @@ def _scenario(
     kind = "reference" if closed else "command"
     content: dict[str, Any] = {
         "name": f"identify_{'closed' if closed else 'open'}_loop",
-        "description": "Experiment for identification: steps chosen by their information on the nominal model; "
-        "proposed by fsw.py identify --design.",
+        "description": "Experiment for identification: steps chosen by their information on the "
+        "nominal model; proposed by fsw.py identify --design.",
         "duration_s": duration_s,
         "controller": "decentral" if closed else OPEN_LOOP,
         "events": [{"at_s": at_s, kind: events[at_s]} for at_s in sorted(events)],
@@ -158,7 +161,10 @@ def plant_factors(model: ModelParameters) -> dict[str, float]:
 
 
 def assess(text: str, plant: dict[str, float] | None = None) -> Proposal:
-    """Accuracy to expect of an experiment on a process, and how far it moves the process; without noise."""
+    """Accuracy to expect of an experiment on a process, and how far it moves the process.
+
+    Without noise.
+    """
     overrides = [
         "plant.noise=false",
         *(f"plant.{name}={value!r}" for name, value in (plant or {}).items()),

@@ -1,4 +1,4 @@
-"""Gain and delay margin of each loop with the other one closed, found by simulation of small steps."""
+"""Gain and delay margin of each loop, the other one closed, by simulation of small steps."""
 
 from __future__ import annotations
 
@@ -92,8 +92,8 @@ class Loops:
         **factors : float
             On parameters of the process.
         """
-        # By simulation, as the NMPC has no transfer function. The steps are small, so that the bounds
-        # of the drives do not act, and swings are compared with those a part earlier.
+        # By simulation, as the NMPC has no transfer function. The steps are small, so that the
+        # bounds of the drives do not act, and swings are compared with those a part earlier.
         plant = {**self.plant, **plant_factors(self.process.scaled(**factors))}
         overrides = [f"controller={name_of(self.label)}", "plant.noise=false"]
         overrides += [f"plant.{name}={json.dumps(of)}" for name, of in plant.items()]
@@ -123,7 +123,10 @@ class Loops:
         return self.is_stable(**{_TEMPERATURE: gain}) and self.with_delay(delay_s)
 
     def temperature(self) -> dict[str, float]:
-        """Margins of the temperature's loop: factor on the gain, inf beyond what is tried, and delay."""
+        """Margins of the temperature's loop.
+
+        Factor on the gain, inf beyond what is tried, and delay.
+        """
         longest = _longest_ticks(self.process)
         delay = largest_delay(lambda ticks: self.with_delay(STEP_S * ticks), longest)
         return {"temperature_gain": self.gain(_TEMPERATURE), "temperature_delay_s": STEP_S * delay}
@@ -138,14 +141,20 @@ class Loops:
         }
 
     def gain(self, name: str) -> float:
-        """Margin of a gain of the process, by the name of the parameter: a factor, inf beyond what is tried."""
+        """Margin of a gain of the process, by the name of the parameter.
+
+        A factor, inf beyond what is tried.
+        """
         return largest_gain(
             lambda gain: self.is_stable(**{name: gain}), _most_gain(self.process, name)
         )
 
 
 def texts(margins: Mapping[str, float], process: ModelParameters | None = None) -> dict[str, str]:
-    """Margins as texts; larger ones are not distinguished, as the model takes dead times to 10 s."""
+    """Margins as texts.
+
+    Larger ones are not distinguished, as the model takes dead times to 10 s.
+    """
     process = process or nominal()
     longest_s = STEP_S * _longest_ticks(process)
     words = {}
@@ -174,7 +183,7 @@ def slower_for(
     parameters: Mapping[str, Any] | None = None,
     process: ModelParameters | None = None,
 ) -> float:
-    """Factor on the time constant of the NMPC's temperature at which its margins are at least these.
+    """Factor on the NMPC's temperature time constant at which its margins are at least these.
 
     Or the largest factor that is tried; whether it is enough is for the caller to measure.
     """

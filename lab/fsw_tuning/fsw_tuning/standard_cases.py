@@ -1,4 +1,6 @@
-"""The standard cases: steps of both set-points and of a disturbance of both outputs, as in the paper's Figs. 6 to 9.
+"""The standard cases.
+
+Steps of both set-points and of a disturbance of both outputs, as in the paper's Figs. 6 to 9.
 
 The paper gives neither their sizes nor their times; both are chosen.
 """
@@ -94,7 +96,7 @@ def events(case: str, begin_s: float = 0.0) -> list[dict[str, Any]]:
 
 
 def scenario(case: str, plant: Mapping[str, float | bool | str], controller: str) -> Scenario:
-    """One of ``CASES``, or a scenario by file or name, with parameters of the plant, e.g. ``factors.<name>``."""
+    """One of ``CASES``, or a scenario by file or name, with parameters of the plant."""
     overrides = [
         f"controller={controller}",
         *(f"plant.{name}={json.dumps(of)}" for name, of in plant.items()),

@@ -1,4 +1,4 @@
-"""Runs of controllers on standard cases and on other processes, in parallel, and their evaluation."""
+"""Runs of controllers on standard cases and other processes, in parallel; evaluation."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Job:
-    """One controller (with its variant, e.g. ``nmpc:paper``) on one case, with parameters of plant and controller."""
+    """One controller, e.g. ``nmpc:paper``, on one case, with parameters of both."""
 
     controller: str
     case: str
@@ -105,7 +105,7 @@ def _figures_or_error(job: Job) -> Figures:
 
 
 def on_all_cores(function: Callable[[T], R], jobs: Sequence[T], chunksize: int = 1) -> Iterator[R]:
-    """Results of a function for all jobs, in their order, by as many processes as there are processors.
+    """Results of a function for all jobs, in their order, by a process per processor.
 
     They are spawned, because forked ones would share DDS and locks. Ctrl-C reaches the caller
     alone; when it takes no more results, the processes are ended.
@@ -133,7 +133,10 @@ def on_all_cores(function: Callable[[T], R], jobs: Sequence[T], chunksize: int =
 def run_all(
     jobs: Sequence[Job], progress: Callable[[float], None] | None = None
 ) -> dict[Job, Figures]:
-    """Run jobs on all cores; a plant that cannot be run gives ``{"error": text}``. ``progress`` gets the share done."""
+    """Run jobs on all cores; a plant that cannot be run gives ``{"error": text}``.
+
+    ``progress`` gets the share done.
+    """
     results = {}
     # a few jobs take less time than the start of processes
     work = (
@@ -149,7 +152,10 @@ def run_all(
 
 
 def judged(runs: Mapping[str, Figures]) -> Figures:
-    """The judged figures of a controller's runs by case, and whether an output oscillates; or the error of one."""
+    """The judged figures of a controller's runs by case, and whether an output oscillates.
+
+    Or the error of one.
+    """
     for run in runs.values():
         if "error" in run:
             return {"error": run["error"]}
@@ -167,7 +173,10 @@ def sweep(
     processes: Mapping[str, Mapping[str, float | str]],
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, dict[str, Figures]]:
-    """Judged figures of controllers, by label with their parameters, on processes; sensor noise on."""
+    """Judged figures of controllers, by label with their parameters, on processes.
+
+    Sensor noise on.
+    """
     jobs = {
         (process, label, case): Job(label, case, True, plant, parameters)
         for process, plant in processes.items()
@@ -191,7 +200,10 @@ _DARK = 1.0
 
 
 def draw_sweep(data: Mapping[str, Any], path: Path) -> None:
-    """Draw the IAE of all other controllers over that of the conservative PI, per process; bold: larger."""
+    """Draw the IAE of all other controllers over that of the conservative PI, per process.
+
+    Bold: larger.
+    """
     from fsw_analysis.figure_style import sheet  # takes a second to import
 
     plants = [name for name, runs in data.items() if not failed(runs)]

@@ -35,7 +35,10 @@ NAMES = tuple(tunings())
 
 
 def _by_name(table: dict[str, tuple[float, float]]) -> dict[str, dict[str, float]]:
-    """By the names of the tunings: the first column of a table for the conservative one, the second for all others."""
+    """By the names of the tunings.
+
+    The first column of a table for the conservative one, the second for all others.
+    """
     return {
         name: {key: row[name != "conservative"] for key, row in table.items()} for name in NAMES
     }
@@ -97,10 +100,14 @@ SEARCHED = {
 
 
 def start_of(name: str, parameters: ModelParameters) -> Gains:
-    """Where the search for one of ``NAMES`` starts: internal model control of the loops by themselves."""
-    # Internal model control (Morari and Zafiriou 1989): the temperature is a lag with dead time, so
-    # that its PI has the copper's lag as integral time and a gain by the time constant wanted of
-    # the closed loop; the depth integrates the force, so that its gain is the bandwidth over that.
+    """Where the search for one of ``NAMES`` starts.
+
+    Internal model control of the loops by themselves.
+    """
+    # Internal model control (Morari and Zafiriou 1989): the temperature is a lag with dead time,
+    # so that its PI has the copper's lag as integral time and a gain by the time constant wanted
+    # of the closed loop; the depth integrates the force, so that its gain is the bandwidth over
+    # that.
     p, tight = parameters, name != "conservative"
     predicts = name == "smith"
     closed_s = (0.35 if predicts else 1.0 if tight else 1.4) * p.dead_time_s
@@ -157,9 +164,9 @@ def robustness(gains: Gains, parameters: ModelParameters) -> dict[str, float]:
 
 
 def cost(gains: Gains, name: str, parameters: ModelParameters) -> float:
-    """Mean of the figures as shares of their targets, with penalties for missed targets and broken bounds."""
-    # The robustness is computed in the frequency domain and is cheap: gains that break it by far are
-    # not simulated. Penalties grow linearly, so that the simplex finds its way back.
+    """Mean of the figures over their targets, with penalties for missed targets and bounds."""
+    # The robustness is computed in the frequency domain and is cheap: gains that break it by far
+    # are not simulated. Penalties grow linearly, so that the simplex finds its way back.
     robust = robustness(gains, parameters)
     excess = sum(
         max(robust[key] / bound - _BOUND_MARGIN, 0.0) for key, bound in BOUNDS[name].items()

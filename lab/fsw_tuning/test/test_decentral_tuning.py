@@ -1,4 +1,7 @@
-"""The shipped gains keep the bounds and reach the targets they are documented with; the tuner's formulas are right."""
+"""The shipped gains keep the bounds and reach the targets they are documented with.
+
+The tuner's formulas are right.
+"""
 
 import math
 import random

@@ -97,7 +97,10 @@ class FullCanister:
         return FullState(theta, stored, state.angle_rad + turning * h, axial_mm)
 
     def _solve(self, heat: Complex, guess: Complex) -> tuple[Complex, Complex]:
-        """Theta and the heat that it stores, of a stage: ``stored(theta) + gamma h matrix theta = heat``."""
+        """Theta and the heat that it stores, of a stage.
+
+        ``stored(theta) + gamma h matrix theta = heat``.
+        """
         theta = guess
         for _ in range(_MOST_ITERATIONS if self.nonlinear else 1):
             rest = heat - self._beyond_linear(theta)[0] if self.nonlinear else heat
@@ -115,7 +118,7 @@ class FullCanister:
         return np.asarray(stored + self._beyond_linear(theta)[1] if self.nonlinear else stored)
 
     def _beyond_linear(self, theta: Complex) -> tuple[Complex, Complex]:
-        """Stored heat beyond the linear one, with and without what radiation takes beyond it in a stage."""
+        """Stored heat beyond the linear one, with and without a stage's loss by radiation."""
         p, count = self.parameters, 3 * self._modes.size
         values = np.fft.irfft(theta * count, n=count, axis=0)
         temperature_c = self.copper.temperature_c(values)
@@ -194,7 +197,7 @@ def exact_stir_zone_c(
     dt_s: float,
     progress: Callable[[float], None] | None = None,
 ) -> Array:
-    """Temperature of the stir zone at the ends of the steps of ``dt_s``, from a cold canister, all finite elements.
+    """Stir-zone temperature at the ends of the steps, from cold, by all finite elements.
 
     The linear equations are solved exactly for inputs that are held for a step, as in the reduced
     model, but with all eigenvectors of a mode and with the loads of each position instead of a

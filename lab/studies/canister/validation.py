@@ -1,4 +1,7 @@
-"""What identification finds on a weld in heat, early and late, at the lid and the joint line; steps; needed power."""
+"""What identification finds on a weld in heat, early and late, at the lid and the joint line.
+
+Steps; needed power.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +65,7 @@ def run(scenario: Scenario, controller: str) -> WeldSignals:
 
 
 def experiment(axial_mm: float, begin_s: float) -> Scenario:
-    """The shipped experiment for the heat after so much welding, at a height above the joint line."""
+    """The shipped experiment for heat after so much welding, at a height above the joint line."""
     content = scenario_file.content_of(scenario_file.text_of(_EXPERIMENT))
     duration_s = begin_s + content["duration_s"]
     path = [
@@ -77,7 +80,7 @@ def experiment(axial_mm: float, begin_s: float) -> Scenario:
 
 
 def identified(axial_mm: float, begin_s: float) -> dict[str, dict[str, tuple[float, float]]]:
-    """Estimate and standard deviation of each thermal coefficient, without drifts of the disturbances and with them."""
+    """Estimate and deviation of each thermal coefficient, without and with drifts."""
     signals = run(experiment(axial_mm, begin_s), _CONTROLLER)
     segments = prepare(part(signals, slice(round(begin_s / TICK_S), None)), _DRIVE_LAG_S).segments
     estimates = {}
@@ -91,7 +94,10 @@ def identified(axial_mm: float, begin_s: float) -> dict[str, dict[str, tuple[flo
 
 
 def step_response(canister: HeatModel, axial_mm: float) -> FloatArray:
-    """Rise of the stir zone by tick after a step of 1 kW, while the tool travels; after ten minutes of 43.6 kW."""
+    """Rise of the stir zone by tick after a step of 1 kW, while the tool travels.
+
+    After ten minutes of 43.6 kW.
+    """
     base = canister.initial()
     power_kw, rises = nominal().operating_power_kw, []
     for _ in range(round(_LONGEST_S / TICK_S)):
@@ -107,7 +113,7 @@ def step_response(canister: HeatModel, axial_mm: float) -> FloatArray:
 
 
 def one_lag(rises: FloatArray, within_s: float) -> tuple[float, float]:
-    """Gain [degC/kW] and lag [s] of the single lag that fits a step response best within a time."""
+    """Gain [degC/kW] and lag [s] of the single lag that best fits a step response for a time."""
     from scipy.optimize import curve_fit
 
     seen = rises[: round(within_s / TICK_S)]
@@ -119,7 +125,7 @@ def one_lag(rises: FloatArray, within_s: float) -> tuple[float, float]:
 
 
 def steps() -> dict[str, dict[str, Any]]:
-    """Step responses at some times, and the lags that fit them, of canisters and of (16) without dead time and tool."""
+    """Step responses and fitted lags of canisters and of (16) without dead time and tool."""
     p = nominal()
     time_s = TICK_S * np.arange(1, round(_LONGEST_S / TICK_S) + 1)
     courses = {"paper (16)": p.thermal_gain_c_per_kw * (1.0 - np.exp(-time_s / p.copper_lag_s))}
@@ -147,7 +153,9 @@ def steps() -> dict[str, dict[str, Any]]:
 
 
 def line_source(edge_mm: float) -> FloatArray:
-    """Rise at the rim of a line source of 25 mm that moves in a plate beside an insulated edge: Green's function.
+    """Rise at the rim of a line source of 25 mm that moves in a plate beside an insulated edge.
+
+    Green's function.
 
     1 kW in 50 mm, with copper of 350 W/(m K) and 3.75 MJ/(m3 K).
     """
@@ -173,7 +181,7 @@ def line_source(edge_mm: float) -> FloatArray:
 def weld_course(
     scenario: Scenario, signals: WeldSignals, canister: HeatModel
 ) -> tuple[ToolCourse, int]:
-    """Power, speed and height of a weld from a cold canister on, and how many steps it was heated before its start."""
+    """Power, speed and height of a weld from cold on, and the heating steps before it."""
     assert signals.truth is not None
     start = PlantConfig.from_values(scenario.plant)
     path = ToolPath.of(scenario.path, start)
@@ -219,7 +227,7 @@ def stir_zone_c(canister: HeatModel, course: ToolCourse, dt_s: float) -> FloatAr
 def reduced_against_full(
     scenario: Scenario, signals: WeldSignals, progress: Callable[[float], None] | None = None
 ) -> dict[str, Any]:
-    """How far the reduced stir zone is from that of all finite elements over a whole weld, heating-up included."""
+    """Distance of the reduced stir zone from all finite elements over a whole weld."""
     parameters = PlantConfig.from_values(scenario.plant).canister
     assert parameters is not None
     canister, fine = load_or_compact(parameters), load_or_reduce(parameters)
@@ -250,7 +258,7 @@ def reduced_against_full(
 
 
 def compact_errors(parameters: CanisterParameters) -> list[dict[str, Any]]:
-    """States of the plant's model by tolerance, and largest difference from the decoupled one by speed [mm/min].
+    """States of the model by tolerance; largest difference from the decoupled one by speed.
 
     Twenty minutes of 45 kW +- 5 kW from cold: standing, down from the lid to the joint line, and
     up again.
@@ -293,7 +301,10 @@ def whole_weld(scenario: Scenario, signals: WeldSignals) -> dict[str, Any]:
 def validation(
     progress: Callable[[float], None] | None = None, coarse: bool = False
 ) -> dict[str, Any]:
-    """All numbers of the first page; ``coarse``: all finite elements on a mesh that takes a tenth of the time."""
+    """All numbers of the first page.
+
+    ``coarse``: all finite elements on a mesh that takes a tenth of the time.
+    """
     scenario = scenario_file.load(_TRAVERSED, [f"controller={name_of(_CONTROLLER)}"])
     signals = run(scenario, _CONTROLLER)
     result: dict[str, Any] = {

@@ -1,1 +1,4 @@
-"""The controllers compared on the same welds: nominal, with noise, on other processes, and against what is possible."""
+"""The controllers compared on the same welds.
+
+Nominal, with noise, on other processes, and against what is possible.
+"""

@@ -50,7 +50,8 @@ def draw(data: dict[str, Any], folder: Path) -> None:
 def main() -> int:
     """Run the script; returns the exit code."""
     parser = argparse.ArgumentParser(
-        description="Compare the NMPC with the decentralized controller, the paper's tuning and what is possible."
+        description="Compare the NMPC with the decentralized controller, "
+        "the paper's tuning and what is possible."
     )
     parser.add_argument("--quick", action="store_true", help="a small part, in less than a minute")
     parser.add_argument(

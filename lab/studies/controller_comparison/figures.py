@@ -16,7 +16,10 @@ from fsw_tuning.standard_runs import JUDGED, Figures, Job, weld
 
 
 def set_point_steps(path: Path) -> None:
-    """The set-point steps of the paper's Fig. 6 with both controllers as they are shipped, with noise."""
+    """The set-point steps of the paper's Fig.
+
+    6 with both controllers as they are shipped, with noise.
+    """
     runs = [
         Run(label, weld(Job(label, "reference_tracking", noise=True)))
         for label in ("decentral", "nmpc")
@@ -25,7 +28,7 @@ def set_point_steps(path: Path) -> None:
 
 
 def corridors(folder: Path) -> None:
-    """The paper's tuning with each way to start its corridors (32), (33), which the text leaves open, and one more."""
+    """The paper's tuning with each way to start its corridors (32), (33), and one more."""
     runs = []
     for name in ("constant", "cold_start", "recentred", "recentred_ahead"):
         with paper_with(CORRIDORS[name]) as parameters:

@@ -41,7 +41,10 @@ _STARTS = 8
 
 @dataclass(frozen=True, slots=True)
 class Optimum:
-    """An optimal course; arrays (n,) have an entry per tick, beginning with the tick of the event."""
+    """An optimal course.
+
+    Arrays (n,) have an entry per tick, beginning with the tick of the event.
+    """
 
     depth_error_mm: Vector
     temperature_error_c: Vector
@@ -70,7 +73,10 @@ _OPTIONS: dict[str, Any] = {
 
 
 class Clairvoyant:
-    """Computes optima of events from rest, on the paper's process; what comes after ``window_s`` does not count."""
+    """Computes optima of events from rest, on the paper's process.
+
+    What comes after ``window_s`` does not count.
+    """
 
     def __init__(self, window_s: float = 40.0) -> None:
         self.model = ProcessModel()
@@ -185,7 +191,9 @@ def courses() -> dict[str, tuple[Reference, Reference]]:
 
 
 def bounds() -> dict[str, Any]:
-    """The clairvoyant optimum of each event: of one output alone, of both, and the front between them.
+    """The clairvoyant optimum of each event.
+
+    Of one output alone, of both, and the front between them.
 
     Of one output alone from several starts: the best, from how many it was solved, and how far
     they differ.

@@ -1,4 +1,4 @@
-"""The NMPC's tuning by rule on other models, against decentralized tunings searched for each of them."""
+"""The NMPC's tuning by rule on other models, against tunings searched for each of them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ FACTORS = {
 
 
 def compare(factors: dict[str, float], evaluations: int) -> dict[str, Any]:
-    """Tune for one model and run all three controllers on it, without noise: the judged figures by controller."""
+    """Tune for one model and run all three controllers on it, without noise.
+
+    The judged figures by controller.
+    """
     parameters = nominal().scaled(**factors)
     plant = {f"factors.{name}": factor for name, factor in factors.items()}
     with TemporaryDirectory() as scratch:

@@ -1,4 +1,7 @@
-"""The results of the comparison as pages, one per question: rows of their tables, for the templates ``*.md.j2``."""
+"""The results of the comparison as pages, one per question.
+
+Rows of their tables, for the templates ``*.md.j2``.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +78,7 @@ def matched_rows(data: Mapping[str, Mapping[str, float]]) -> Rows:
 
 
 def swinging(data: Mapping[str, Mapping[str, Any]], welds: int) -> list[str]:
-    """With which sensors an output oscillates for good, in how many of the welds of a controller."""
+    """Sensors with which an output oscillates for good, and in how many welds of a controller."""
     labels = []
     for kind, of in data.items():
         if names := [
@@ -94,7 +97,7 @@ def matched_share(data: Mapping[str, Mapping[str, float]], rival: str) -> str:
 
 
 def behind(entrants: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """Figures at matched margin in which a PI tuning is better than the default NMPC, with both values."""
+    """Figures at matched margin in which a PI tuning beats the default NMPC, both values."""
     moved = {key: KPIS[key] for key in VARIATIONS}
     titles = {"temperature_gain": "gain margin", "temperature_delay_s": "delay margin [s]"}
     lost = []
@@ -107,7 +110,7 @@ def behind(entrants: Mapping[str, Mapping[str, float]]) -> list[str]:
 
 
 def over_optimum(own: Mapping[str, Any], bounds: Mapping[str, Any]) -> str:
-    """Smallest and largest error of a controller over that of the optimum, in the output that an event is about."""
+    """Smallest and largest error of a controller over the optimum's, in an event's output."""
     shares = [
         own["clean"]["events"][name]["iae_depth_mm_s" if event.of_depth else "iae_temperature_c_s"]
         / bounds[name]["joint"][0 if event.of_depth else 1]
@@ -185,7 +188,10 @@ def loss_rows(losses: Sequence[Sequence[Any]]) -> Rows:
 
 
 def pages(data: Mapping[str, Any]) -> dict[str, str]:
-    """All results as Markdown: the text of each page by file name, without the pages of parts that were not run."""
+    """All results as Markdown.
+
+    The text of each page by file name, without the pages of parts that were not run.
+    """
     environment = templates(Path(__file__).parent)
     environment.globals |= globals()  # the functions above make the rows of tables
     environment.globals |= {

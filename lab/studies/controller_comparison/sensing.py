@@ -1,4 +1,7 @@
-"""Coloured noise and a thermocouple that lags: what they do to controllers that know of neither."""
+"""Coloured noise and a thermocouple that lags.
+
+What they do to controllers that know of neither.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,7 @@ def study(slower: float, plants: int) -> dict[str, Any]:
 
 
 def runs(compared: Entrants) -> dict[str, dict[str, Figures]]:
-    """Means over some seeds, of every controller with every kind of sensors, and a tick of loop latency.
+    """Means over seeds of every controller with every kind of sensors, and a tick of latency.
 
     Judged figures of merit, mean absolute errors [µm, m°C] and movement [kN/s, rpm/s] at rest, and
     in how many welds an output oscillates for good.

@@ -65,7 +65,10 @@ def _run_all(title: str, jobs: Sequence[Job]) -> dict[Job, Figures]:
 
 
 def nominal() -> dict[str, Any]:
-    """All controllers on the events that they were tuned on: without noise, with noise, and at rest."""
+    """All controllers on the events that they were tuned on.
+
+    Without noise, with noise, and at rest.
+    """
     jobs = [
         Job(label, case, noise)
         for label in CONTROLLERS
@@ -109,7 +112,10 @@ def sweep(processes: Mapping[str, Mapping[str, float | str]]) -> dict[str, Any]:
 
 
 def random_plants(count: int, spans: Mapping[str, tuple[float, float]] = RANDOM) -> dict[str, Any]:
-    """The sweep on random processes: ratios to the better PI and to smith, and on how many an output oscillates."""
+    """The sweep on random processes.
+
+    Ratios to the better PI and to smith, and on how many an output oscillates.
+    """
     data = sweep({f"{i}": plant for i, plant in enumerate(random_factors(count, spans))})
     swings = {
         label: sum(bool(runs[label].get("swings")) for runs in data.values())
@@ -126,7 +132,10 @@ def random_plants(count: int, spans: Mapping[str, tuple[float, float]] = RANDOM)
 def ratios(
     data: Mapping[str, Mapping[str, Figures]], rivals: Sequence[str] = DECENTRALIZED
 ) -> dict[str, list[float]]:
-    """Per judged figure: the default NMPC's over the best rival's, for every process that could be run."""
+    """Per judged figure.
+
+    The default NMPC's over the best rival's, for every process that could be run.
+    """
     ran = [runs for runs in data.values() if not failed(runs)]
     return {
         key: [runs[DEFAULT][key] / min(runs[rival][key] for rival in rivals) for runs in ran]
@@ -135,7 +144,7 @@ def ratios(
 
 
 def margins(labels: Sequence[str] = FINALISTS) -> dict[str, dict[str, float]]:
-    """Gain and delay margin of each loop, found by simulation of small steps with the other loop closed."""
+    """Gain and delay margin of each loop, the other closed, by simulation of small steps."""
     return dict(zip(labels, standard_runs.on_all_cores(_margins, labels), strict=True))
 
 
@@ -144,7 +153,10 @@ def _margins(label: str) -> dict[str, float]:
 
 
 def matched() -> dict[str, Any]:
-    """With noise and a tick of loop latency: the finalists, and the NMPC slowed to the margins of the tight PI."""
+    """With noise and a tick of loop latency.
+
+    The finalists, and the NMPC slowed to the margins of the tight PI.
+    """
     slower = slower_for(Loops(TIGHT).margins())
     data: dict[str, Any] = {"slower": slower, "entrants": {}}
     for name, (label, parameters) in entrants(FINALISTS, slower).items():
@@ -165,7 +177,7 @@ def entrants(labels: Sequence[str], slower: float) -> dict[str, tuple[str, dict[
 
 
 def below_noise() -> dict[str, dict[str, float]]:
-    """Mean absolute errors with disturbances that are smaller than a jump of the noise, and at rest; of some seeds."""
+    """Mean absolute errors with disturbances below a noise jump, and at rest, over seeds."""
     keys = ("iae_depth_mm_s", "iae_temperature_c_s")
     jobs = {
         (label, case, seed): Job(label, case, True, {"seed": seed})
@@ -190,7 +202,7 @@ def below_noise() -> dict[str, dict[str, float]]:
 
 
 def corridors() -> dict[str, dict[str, float]]:
-    """Figures of the temperature with each way to start the corridors of ``nmpc:paper``, without noise."""
+    """Temperature figures with each way to start the corridors of ``nmpc:paper``, noise-free."""
     return dict(
         zip(CORRIDORS, standard_runs.on_all_cores(_corridor, list(CORRIDORS)), strict=True)
     )
@@ -213,7 +225,7 @@ def _corridor(name: str) -> dict[str, float]:
 
 @contextmanager
 def paper_with(fields: Mapping[str, str | float]) -> Iterator[dict[str, str]]:
-    """Parameters of the NMPC with its preset ``paper`` and other values of some fields of the tuning."""
+    """Parameters of the NMPC with preset ``paper`` and other values of some tuning fields."""
     with TemporaryDirectory() as scratch:
         file = Path(scratch) / "tuning.yaml"
         file.write_text(yaml.safe_dump(dict(fields)), encoding="utf-8")
@@ -221,7 +233,10 @@ def paper_with(fields: Mapping[str, str | float]) -> Iterator[dict[str, str]]:
 
 
 def aggressiveness() -> dict[str, dict[str, float]]:
-    """What the NMPC's knob of the temperature trades: gain margin against errors, without noise."""
+    """What the NMPC's knob of the temperature trades.
+
+    Gain margin against errors, without noise.
+    """
     return {
         f"{value:g}": _with_knob({"temperature_aggressiveness": value})
         for value in _AGGRESSIVENESS
@@ -237,7 +252,7 @@ def _with_knob(knob: Mapping[str, float]) -> dict[str, float]:
 
 
 def wins() -> dict[str, Any]:
-    """Figures of the default NMPC at or below both PI tunings' (total variation: the tight one's), everywhere."""
+    """Figures of the default NMPC at or below both PI tunings' everywhere."""
     processes = {name: SWEEP[name] for name in ("nominal", *FIXED)}
     welds = [
         (name, case, noise)

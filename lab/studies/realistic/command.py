@@ -18,7 +18,8 @@ _RESULTS = Path(__file__).resolve().parents[3] / "docs" / "results"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     parser = argparse.ArgumentParser(
-        description="Fit the disturbances of the scenario 'realistic', weld with it, write the page."
+        description="Fit the disturbances of the scenario 'realistic', "
+        "weld with it, write the page."
     )
     parser.add_argument("part", choices=["fit", "weld", "page"], help="what to do")
     parser.add_argument(

@@ -16,7 +16,8 @@ from fsw_model import nominal
 _P = nominal()
 #: dM/dz of the paper's model at the operating point [N m/mm], (19)-(22)
 TORQUE_NM_PER_MM = 120.8
-#: share of a temperature change that returns: it changes the depth (27), so the torque and the heat
+#: share of a temperature change that returns: it changes the depth (27), so the torque and the
+#: heat
 RETURNING = (
     _P.softening_per_c * _P.operating_depth_mm * TORQUE_NM_PER_MM
     * weld.SPEED_RPM * pi / 30000.0 * _P.thermal_gain_c_per_kw

@@ -3,8 +3,8 @@
 Two parameters (:data:`welds.FITTED`) for four targets: mean, standard deviation and extremes of
 the measured temperature's error in a group of eight welds. The error of a weld is nearly linear in
 the fall of its power and the size of its random heat, as long as the random numbers are the same,
-so that a few more welds give the error for any values of the parameters. Rounds follow, each linear
-about the result of the one before, until a round changes no parameter by more than
+so that a few more welds give the error for any values of the parameters. Rounds follow, each
+linear about the result of the one before, until a round changes no parameter by more than
 :data:`CONVERGED`. Other welds, those of the page, verify the result.
 """
 
@@ -22,8 +22,8 @@ from realistic.welds import FITTED, GROUP, STATISTICS, Figures, Task
 
 #: welds of the campaign that are used for the fit, and by nothing else
 WELDS = range(16)
-#: change of fall and heat for the differences, welds for that of the fall, which is nearly the same
-#: for all
+#: change of fall and heat for the differences, welds for that of the fall, which is nearly the
+#: same for all
 _STEP, _FALL_WELDS = 0.3, 2
 #: largest relative change of the last round, and the most rounds
 CONVERGED, _ROUNDS = 0.02, 4

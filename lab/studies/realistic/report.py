@@ -1,4 +1,7 @@
-"""Tasks of the study, and its page: intervals of groups of welds beside the published statistics."""
+"""Tasks of the study, and its page.
+
+Intervals of groups of welds beside the published statistics.
+"""
 
 from __future__ import annotations
 
@@ -138,7 +141,7 @@ def _outside(intervals: Mapping[str, list[float]], published: Sequence[float]) -
 
 
 def share_of(rows: Sequence[Row], label: str) -> dict[str, list[float]]:
-    """A controller's sigma and range as a share of the cascade's on the same welds, with intervals.
+    """A controller's sigma and range over the cascade's on the same welds, with intervals.
 
     And the change of the mean [degC]. The groups of eight are the same welds for both.
     """

@@ -107,7 +107,7 @@ def joint_line(task: Task) -> tuple[WeldSignals, NDArray[np.bool_], str]:
 
 
 def weld(task: Task) -> Row:
-    """Statistics of the measured temperature on the joint line, and the other figures of a weld."""
+    """Statistics of the measured temperature on the joint line, and a weld's other figures."""
     signals, inside, stopped = joint_line(task)
     truth = signals.truth
     assert truth is not None
@@ -176,7 +176,7 @@ STATISTICS = ("mean", "sigma", "min", "max")
 
 
 def pooled(figures: Figures) -> Figures:
-    """Statistics of groups from those of their welds, shape (..., welds, 4) of mean, square, min, max."""
+    """Statistics of groups from their welds' (..., welds, 4): mean, square, min, max."""
     mean = figures[..., 0].mean(-1)
     sigma = np.sqrt(np.maximum(figures[..., 1].mean(-1) - mean**2, 0.0))
     return np.stack([mean, sigma, figures[..., 2].min(-1), figures[..., 3].max(-1)], -1)

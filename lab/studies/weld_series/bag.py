@@ -1,4 +1,7 @@
-"""A weld of this process as a bag: the topics that a recorder would have received, but none of the controllers' own."""
+"""A weld of this process as a bag.
+
+The topics that a recorder would have received, but none of the controllers' own.
+"""
 
 from __future__ import annotations
 

@@ -46,7 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the series; the exit code is 0 if the history found everything."""
     parser = argparse.ArgumentParser(
         prog="weld_series.py",
-        description="Weld a series of canisters: bags, records, history. An interrupted series is continued.",
+        description="Weld a series of canisters: bags, records, history. "
+        "An interrupted series is continued.",
     )
     parser.add_argument("--welds", type=int, default=60, help="number of canisters (default 60)")
     parser.add_argument(

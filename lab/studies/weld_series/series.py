@@ -48,7 +48,10 @@ ROW = "row.json"
 
 
 def scenario_text(number: int, end_deg: float = WHOLE_DEG) -> str:
-    """Scenario of a weld: `canister_weld_heat` whose joint line ends at ``end_deg``, with what is special about it."""
+    """Scenario of a weld.
+
+    `canister_weld_heat` whose joint line ends at ``end_deg``, with what is special about it.
+    """
     content = yaml.safe_load(load("canister_weld_heat").text)
     del content["duration_s"], content["path"]  # they follow from the phases
     special, at_deg = SPECIAL.get(number), BEGIN_DEG + SHARE * (end_deg - BEGIN_DEG)
@@ -107,7 +110,10 @@ def begin_and_length(end_deg: float) -> tuple[float, float]:
 
 
 def series_procedure(end_deg: float = WHOLE_DEG) -> Procedure:
-    """The shipped procedure for the emulator; with another end of the joint line than the whole, phases are shorter."""
+    """The shipped procedure for the emulator.
+
+    With another end of the joint line than the whole, phases are shorter.
+    """
     values = procedure.load("copper_lid").model_dump(mode="json", exclude_none=True)
     values["machine"]["name"] = MACHINE
     for row in values["phases"]:

@@ -1,1 +1,4 @@
-"""The welding procedure as data, and the record of a weld: what was asked for, what was kept, and the verdict."""
+"""The welding procedure as data, and the record of a weld.
+
+What was asked for, what was kept, and the verdict.
+"""

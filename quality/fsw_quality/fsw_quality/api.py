@@ -40,7 +40,8 @@ def record(
     compare_with : str or Path, optional
         Folder with records of earlier welds: the last accepted ones of the procedure are compared.
     afterwards : mapping, optional
-        What is known only after the weld, with the keys of a procedure's ``weld_data``, e.g. ``ndt``.
+        What is known only after the weld, with the keys of a procedure's ``weld_data``, e.g.
+        ``ndt``.
     figures : {"png", "svg", "pdf"}, optional
         Write the figures also as files of this format, beside the page.
     progress : callable, optional

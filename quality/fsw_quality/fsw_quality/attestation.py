@@ -1,4 +1,6 @@
-"""Signed statements about recorded welds, each with the hash of the one before it: a chain over welds.
+"""Signed statements about recorded welds, each with the hash of the one before it.
+
+A chain over welds.
 
 ``attestation.json`` in the folder of a bag is an in-toto statement in a DSSE envelope: its subject
 are the hashes of manifest, files and documents, its predicate an `Attestation`. The folder of the
@@ -29,7 +31,10 @@ CLOCKS = timedelta(seconds=60)
 
 
 class Attestation(signature.Stated):
-    """What is stated about a bag, its manifest and documents: the predicate of attestation.json."""
+    """What is stated about a bag, its manifest and documents.
+
+    The predicate of attestation.json.
+    """
 
     number: int
     """place in the chain, from 1"""
@@ -48,7 +53,10 @@ class Attestation(signature.Stated):
 
     @property
     def welded(self) -> str:
-        """Canister and lid, which are welded once, e.g. ``canister C-1, lid L-7``; empty where they are unknown."""
+        """Canister and lid, which are welded once, e.g. ``canister C-1, lid L-7``.
+
+        Empty where they are unknown.
+        """
         known = [key for key in IDENTITY[:2] if key in self.identity]
         return ", ".join(f"{key} {self.identity[key]}" for key in known if "canister" in known)
 
@@ -82,7 +90,10 @@ class Chain:
             tried(self.findings, path.name, self.add, path)
 
     def add(self, path: Path, new: bytes | None = None) -> None:
-        """Check the next file, or the content of a ``new`` one; EvidenceError if it is no attestation."""
+        """Check the next file, or the content of a ``new`` one.
+
+        EvidenceError if it is no attestation.
+        """
         file, data = path.name, signature.read_file(path) if new is None else new
         before, self.last_sha256 = self.last_sha256, sha256(data)
         kind = signature.Purpose.ATTESTATION, Attestation, self.trusted, file
@@ -104,7 +115,10 @@ class Chain:
 
 
 def order_findings(file: str, times: Mapping[str, datetime | None]) -> list[Finding]:
-    """What of these events, in their order, is earlier than the one before it; the unknown times are left out."""
+    """What of these events, in their order, is earlier than the one before it.
+
+    The unknown times are left out.
+    """
     known = [(name, time) for name, time in times.items() if time is not None]
     return [
         finding(Code.TIME_ORDER, file, later=later, later_at=at, earlier=earlier, earlier_at=since)
@@ -114,7 +128,10 @@ def order_findings(file: str, times: Mapping[str, datetime | None]) -> list[Find
 
 
 def weld_times(manifest: Manifest) -> tuple[datetime | None, datetime | None]:
-    """When the first and the last chunk begin, by the computer's clock; None for a simulated clock."""
+    """When the first and the last chunk begin, by the computer's clock.
+
+    None for a simulated clock.
+    """
     pieces = [piece for file in manifest.files for piece in file.pieces]
     stamps_s = [piece.begin_ns * 1e-9 for piece in pieces if piece.begin_ns is not None]
     if not stamps_s or min(stamps_s) < 1e9:  # the year 2001: a simulation counts from 0

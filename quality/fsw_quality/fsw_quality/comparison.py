@@ -23,7 +23,7 @@ _PLACES = ("record.json", "*/record.json", "*/record/record.json")
 
 
 def accepted_before(folder: Path, record: Record, note: Callable[[str], object]) -> list[Record]:
-    """The last accepted welds of the record's procedure and revision that are older, from the records in a folder.
+    """Older accepted welds of the record's procedure and revision, from records in a folder.
 
     Records of another version of the format are left out; ``note`` is called for each.
 
@@ -96,7 +96,7 @@ def compare(record: Record, others: Sequence[Record]) -> Comparison:
 
 
 def _limit(welds: int) -> float:
-    """Half the prediction interval of one more value of a normal distribution, in standard deviations of so many.
+    """Half the prediction interval of one more normal value, in deviations of so many.
 
     G. J. Hahn, W. Q. Meeker: Statistical Intervals, 1991, chapter 4.
     """

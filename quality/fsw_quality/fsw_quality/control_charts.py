@@ -1,4 +1,4 @@
-"""Control charts over a series of welds that need no welds set aside to learn from, and a trend with its interval.
+"""Self-starting control charts over a series of welds, and a trend with its interval.
 
 Each weld is compared with the accepted welds before it. Its distance from their mean, over their
 spread, has Student's distribution; as a normal score it is independent of the earlier ones (C. P.
@@ -44,14 +44,14 @@ class Limits:
     cusum: float
 
     def quiet(self, welds: int) -> float:
-        """Probability that the charts of one side of a quantity do not signal in so many stable welds."""
+        """Probability that one side's charts do not signal in so many stable welds."""
         quiet, transitions = np.ones(_CELLS), self._transitions(0.0)
         for _ in range(welds):
             quiet = transitions @ quiet
         return float(quiet[0])
 
     def run_length(self, shift: float = 0.0) -> float:
-        """Mean number of welds until a chart of a quantity signals, when its mean shifts by so many sigma; ARL."""
+        """Mean number of welds until a chart signals a shift by so many sigma (ARL)."""
         sides = (
             np.linalg.solve(np.eye(_CELLS) - self._transitions(side), np.ones(_CELLS))[0]
             for side in (shift, -shift)
@@ -59,7 +59,7 @@ class Limits:
         return float(1.0 / sum(1.0 / side for side in sides))
 
     def _transitions(self, shift: float) -> FloatArray:
-        """Probabilities that a weld takes the CUSUM from a cell to another without a signal, shape (cells, cells)."""
+        """Transition probabilities of the CUSUM between cells without a signal, (cells, cells)."""
         cells = np.arange(_CELLS)
         edge = self.cusum / (_CELLS - 0.5) * (cells - cells[:, None] + 0.5) + SLACK
         below: FloatArray = ndtr(np.minimum(edge, self.shewhart) - shift)
@@ -68,7 +68,7 @@ class Limits:
 
 @cache
 def limits(quantities: int) -> Limits:
-    """Limits with which any of so many quantities signals falsely in ``FALSE_SIGNALS`` of histories of ``WELDS`` welds.
+    """Limits with which any quantity signals falsely in ``FALSE_SIGNALS`` of ``WELDS`` welds.
 
     Shewhart and CUSUM have half of it each. The quantities count as independent: if they are not,
     it is less.
@@ -195,7 +195,7 @@ def _judge(made: Chart, i: int, value: float, baseline: _Baseline, least: float)
 def correlation(
     made: Chart, quantities: int, groups: Sequence[object] | None = None
 ) -> tuple[float, bool]:
-    """Correlation of a quantity from weld to weld, and whether it is significant, so that no limit holds.
+    """Correlation from weld to weld, and whether it is significant, so that no limit holds.
 
     The mean square of the differences over two welds is 1 + correlation times that over one (after
     J. von Neumann: Distribution of the ratio of the mean square successive difference to the
@@ -233,7 +233,9 @@ class Trend:
 
 
 def trend(values: FloatArray, rise: float) -> Trend | None:
-    """Least squares line through values by weld, and where it has risen by ``rise``; None with fewer than five.
+    """Least squares line through values by weld, and where it has risen by ``rise``.
+
+    None with fewer than five.
 
     The interval of the slope is Student's; that of the life follows from it, from the middle of
     the welds on.

@@ -1,4 +1,7 @@
-"""What the monitor finds: causes as codes with sizes, and, for people, their words from one table."""
+"""What the monitor finds.
+
+Causes as codes with sizes, and, for people, their words from one table.
+"""
 
 from __future__ import annotations
 
@@ -87,20 +90,20 @@ class Finding:
     alarm: bool = True
     size: float = nan  #: in paper's units and seconds, see ``monitor_texts.yaml``
     error: float = nan  #: standard error of the size
-    #: smoothed log likelihood ratio of this cause (of the process, else NaN) to the largest of it that
-    #: does no harm
+    #: smoothed log likelihood ratio of this cause (of the process, else NaN) to the largest of it
+    #: that does no harm
     log_likelihood: float = nan
     #: causes that explain the same nearly as well, the likeliest first
     others: tuple[WatchCause, ...] = ()
 
     @property
     def of_sensor(self) -> bool:
-        """Whether a sensor's values mean nothing, so that what is computed from them is wrong, too."""
+        """Whether a sensor's values mean nothing, so that figures computed from them are wrong."""
         return self.cause in _SICK
 
     @property
     def fact(self) -> Fact:
-        """The finding as a code with its cause, size [SI] and what cannot be distinguished from it."""
+        """The finding as a code with its cause, size [SI] and indistinguishable causes."""
         size, error = self.si
         shown = _shown(self.cause, self.size, self.error)
         cause = Fact.of(_CAUSES[self.cause.name], shown=shown, size=size, error=error)
@@ -139,7 +142,10 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """How large a fault is if it alone has been there for a minute or longer; no claim that there is one."""
+    """How large a fault is if it alone has been there for a minute or longer.
+
+    No claim that there is one.
+    """
 
     cause: WatchCause
     size: float = nan  #: in paper's units and seconds, as of a finding

@@ -22,7 +22,11 @@ _NEARLY, _ROUNDING = 1.5, 1e-12
 
 
 class DriveWatch:
-    """One drive; ``least`` is the smallest change of a command that must show, ``step`` the largest within a tick."""
+    """One drive.
+
+    ``least`` is the smallest change of a command that must show, ``step`` the largest within a
+    tick.
+    """
 
     def __init__(self, name: str, least: float, low: float, high: float, step: float) -> None:
         self._name, self._least, self._low, self._high, self._step = (
@@ -73,7 +77,7 @@ class DriveWatch:
 
 
 def best_delay(commands: FloatArray, positions: FloatArray, largest: int) -> int:
-    """Samples by which the positions are at least behind the commands, but for an offset between them.
+    """Samples by which the positions at least lag behind the commands, offset aside.
 
     The shortest delay that explains them nearly as well as the best: on a ramp a delay is an
     offset, too.

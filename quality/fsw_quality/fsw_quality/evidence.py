@@ -28,8 +28,8 @@ from fsw_recorder.signature import Purpose, Signer, Statement, TrustedKey
 if TYPE_CHECKING:  # from the extra signing
     from securesystemslib.signer import CryptoSigner
 
-#: Faults only where signatures are required. Without them a bag with no manifest, whose recorder was
-#: killed, is proven by no less than one with an unsigned manifest, which anybody can write
+#: Faults only where signatures are required. Without them a bag with no manifest, whose recorder
+#: was killed, is proven by no less than one with an unsigned manifest, which anybody can write
 _UNSIGNED = {
     Code.NO_MANIFEST,
     Code.MANIFEST_UNSIGNED,
@@ -166,7 +166,9 @@ def _check_documents(
     documents: Mapping[str, bytes],
     progress: Callable[[float], None] | None = None,
 ) -> Iterator[Finding]:
-    """Whether documents, first the record, then its pages, are what bag and procedure give; reads the whole bag for that.
+    """Whether documents, first the record, then its pages, are what bag and procedure give.
+
+    Reads the whole bag for that.
 
     Raises
     ------
@@ -221,7 +223,9 @@ def _check_signers(
     later: Sequence[Signer] = (),
     now: datetime | None = None,
 ) -> dict[Purpose, Signer]:
-    """Signers; finds which signatures do not count, also by a key revoked since, or are not in order.
+    """Signers.
+
+    Finds which signatures do not count, also by a key revoked since, or are not in order.
 
     ``later`` signed attestations that follow this one.
     """
@@ -270,7 +274,7 @@ class Verification(Model):
 def verify_bag(
     bag: Path, policy: Policy, now: datetime, chain: Chain | None = None
 ) -> Verification:
-    """Whether a bag is what was recorded and signed, has its place in the ``chain``, and with it its documents."""
+    """Whether a bag and its documents are as recorded and signed, and in the ``chain``."""
     findings, signers, made = list[Finding](), dict[Purpose, Signer](), None
     data = tried(findings, bag, signature.read_file, bag / ATTESTATION_NAME)
     kind = Purpose.ATTESTATION, Attestation, policy.trusted, ATTESTATION_NAME

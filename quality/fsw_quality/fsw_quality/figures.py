@@ -1,4 +1,7 @@
-"""Figures of the record: traces with their limits, and the unrolled canister with its exceedances; for grey print."""
+"""Figures of the record.
+
+Traces with their limits, and the unrolled canister with its exceedances; for grey print.
+"""
 
 from __future__ import annotations
 

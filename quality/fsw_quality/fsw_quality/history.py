@@ -173,7 +173,9 @@ def _mean(values: FloatArray) -> float:
 
 
 def add(folder: Path, rows: Sequence[Row]) -> int:
-    """Add rows to the history in a folder, which is made if need be; returns how many welds it has then.
+    """Add rows to the history in a folder, which is made if need be.
+
+    Returns how many welds it has then.
 
     Raises
     ------
@@ -193,7 +195,10 @@ def add(folder: Path, rows: Sequence[Row]) -> int:
 
 
 def check_new(folder: Path, welds: Sequence[tuple[str, Sequence[str]]]) -> None:
-    """Refuse welds, by name and with the hashes of their files, before they are watched; raises as :func:`add`."""
+    """Refuse welds, by name and with the hashes of their files, before they are watched.
+
+    Raises as :func:`add`.
+    """
     fresh = [{"weld": name, FILES: ",".join(files)} for name, files in welds]
     _check_once(folder, pa.concat_tables([*_there(folder), pa.Table.from_pylist(fresh, SCHEMA)]))
 
@@ -211,14 +216,14 @@ def _check_once(folder: Path, table: pa.Table) -> None:
         for digest in filter(None, (hashes or "").split(",")):
             if (other := seen.setdefault(digest, name)) != name:
                 raise InputError(
-                    f"{folder}: two records of one weld: {name} has the files of {other}, which is in the history; "
-                    "nothing is added"
+                    f"{folder}: two records of one weld: {name} has the files of {other}, "
+                    "which is in the history; nothing is added"
                 )
     if len(set(names)) < len(names):
         doubled = next(name for name, count in Counter(names).items() if count > 1)
         raise InputError(
-            f"{folder}: weld {doubled} would be in the history twice; nothing is added. A weld has the name of its "
-            "canister, else of its bag"
+            f"{folder}: weld {doubled} would be in the history twice; nothing is added. "
+            "A weld has the name of its canister, else of its bag"
         )
 
 
@@ -247,7 +252,9 @@ def column(table: pa.Table, name: str) -> FloatArray:
 
 
 def difference(table: pa.Table, first: str, second: str) -> list[tuple[str, str, str, float]]:
-    """What changed from one weld to another: what, before, after, and by how many standard deviations (NaN: of text).
+    """What changed from one weld to another.
+
+    What, before, after, and by how many standard deviations (NaN: of text).
 
     The standard deviation is that from weld to weld in the whole history; numbers that changed by
     less than three are left out. The largest change comes first, behind the texts.
@@ -295,7 +302,10 @@ def changes(
 
 
 def _map_changes(name: str, before: str | None, after: str | None) -> Iterator[Change]:
-    """What differs between two maps in the groups that both have: controllers in both welds are compared alone."""
+    """What differs between two maps in the groups that both have.
+
+    Controllers in both welds are compared alone.
+    """
     if before == after:
         return
     groups, others = (json.loads(text or "{}") for text in (before, after))

@@ -1,4 +1,7 @@
-"""The report on a history of welds: what stands out, control charts, the tools' lives; one HTML file."""
+"""The report on a history of welds: what stands out, control charts, the tools' lives.
+
+One HTML file.
+"""
 
 from __future__ import annotations
 
@@ -105,11 +108,17 @@ class ToolLife:
             return "the torque does not rise: no end in sight"
         soonest, expected, latest = self.trend.life
         end = f"{latest:.0f}" if isfinite(latest) else "never"
-        return f"worn ({WORN_NM:g} N·m more) after {expected:.0f} welds, 95 % interval {soonest:.0f} to {end}"
+        return (
+            f"worn ({WORN_NM:g} N·m more) after {expected:.0f} welds, "
+            f"95 % interval {soonest:.0f} to {end}"
+        )
 
 
 def charts(table: pa.Table) -> dict[str, Chart]:
-    """The control charts that can be made: of each procedure and tool by itself, among the accepted welds."""
+    """The control charts that can be made.
+
+    Of each procedure and tool by itself, among the accepted welds.
+    """
     rows = table.select(["verdict", "alarms"]).to_pylist()
     accepted = [
         row["verdict"] == "accept" or not (row["verdict"] or row["alarms"]) for row in rows
@@ -145,7 +154,10 @@ def correlated(
 
 
 def performance() -> dict[str, float]:
-    """Welds until the charts signal: all of them on stable welds, those of a quantity on a shift of 1, 2, 3 sigma."""
+    """Welds until the charts signal.
+
+    All of them on stable welds, those of a quantity on a shift of 1, 2, 3 sigma.
+    """
     lengths = {f"arl_{shift}_sigma": LIMITS.run_length(shift) for shift in (1, 2, 3)}
     return {"arl_stable": LIMITS.run_length() / len(CHARTED), **lengths}
 
@@ -165,7 +177,9 @@ def tools(table: pa.Table) -> list[ToolLife]:
 
 
 def remarks(table: pa.Table, made: dict[str, Chart]) -> list[Remark]:
-    """What stands out: first signals of the charts, alarms, changed settings, swaps, operators' actions, verdicts.
+    """What stands out.
+
+    First signals of the charts, alarms, changed settings, swaps, operators' actions, verdicts.
 
     Correlated quantities, whose charts have no limits that hold, stand at the newest weld.
     """
@@ -173,8 +187,8 @@ def remarks(table: pa.Table, made: dict[str, Chart]) -> list[Remark]:
     notes = [*_signals(made, groups), *_alarms(rows)]
     for name, share in correlated(made, groups).items():
         text = (
-            f"{NUMBERS[name]} is correlated from weld to weld ({share:+.2f}): the limits of its charts "
-            "do not hold, their signals may be false"
+            f"{NUMBERS[name]} is correlated from weld to weld ({share:+.2f}): the limits of its "
+            "charts do not hold, their signals may be false"
         )
         notes.append(Remark(len(rows) - 1, Kind.CORRELATION, name, text))
     for i, (before, row) in enumerate(zip([None, *rows], rows, strict=False)):
@@ -202,7 +216,10 @@ def _changed(at: int, changed: Sequence[Change]) -> Remark:
 
 
 def _signals(made: dict[str, Chart], groups: Sequence[object]) -> Iterator[Remark]:
-    """Where each chart signals first; the charts of a quantity that do so at the same weld in one line."""
+    """Where each chart signals first.
+
+    The charts of a quantity that do so at the same weld in one line.
+    """
     for name, entry in made.items():
         of_chart: dict[tuple[str, object], list[int]] = {}
         for kind, welds in entry.signals.items():
@@ -214,7 +231,10 @@ def _signals(made: dict[str, Chart], groups: Sequence[object]) -> Iterator[Remar
         for at, kinds in first.items():
             later = max(count for _, count in kinds)
             more = f", and at {later} later weld{'s' * (later > 1)}" if later else ""
-            value = f"{entry.values[at]:.4g}, the welds before {entry.centre[at]:.4g} ({entry.scores[at]:+.1f} σ)"
+            value = (
+                f"{entry.values[at]:.4g}, the welds before {entry.centre[at]:.4g} "
+                f"({entry.scores[at]:+.1f} σ)"
+            )
             words = ", ".join(_CHARTS[kind] for kind, _ in kinds)
             yield Remark(
                 at, Kind.CHART, name, f"{words} chart of {NUMBERS[name]} signals: {value}{more}"
@@ -245,7 +265,9 @@ def _causes(row: Row) -> Iterator[tuple[str, str]]:
 
 
 def write(table: pa.Table, target: Path, title: str, beside: Path | None = None) -> list[Remark]:
-    """Write the report as one HTML file, and its charts also as ``beside``; returns what stands out.
+    """Write the report as one HTML file, and its charts also as ``beside``.
+
+    Returns what stands out.
 
     Raises
     ------
@@ -323,7 +345,10 @@ def draw(table: pa.Table, made: dict[str, Chart], beside: Path | None = None) ->
 
 
 def _draw_chart(axis: Axes, entry: Chart, begins: Sequence[float]) -> None:
-    """Values with their mean and limits, what signals in red; ``begins``: first welds of groups."""
+    """Values with their mean and limits, what signals in red.
+
+    ``begins``: first welds of groups.
+    """
     welds = np.arange(1, entry.values.size + 1)
     small: dict[str, Any] = {"color": "0.35", "markersize": 4 if welds.size < 500 else 1}
     axis.plot(welds, entry.values, ".", **small, label="weld")

@@ -27,8 +27,8 @@ from fsw_quality.residuals import COEFFICIENTS, DEPTH, HEAT, TORQUE
 #: sensor's, sway of the process and its level [N m]; offset of the depth, edges of the workpiece
 #: [mm], force that is missing [kN], coloured noise of the depth [mm];
 #: temperature that the power does not explain [degC], its level at rest [degC] and the slope of
-#: that [degC/s], coloured noise of the temperature [degC]. Behind them a filter has the swings of the
-#: seconds before, until they reach the thermocouple
+#: that [degC/s], coloured noise of the temperature [degC]. Behind them a filter has the swings of
+#: the seconds before, until they reach the thermocouple
 _STATES = (
     "swing",
     "sway",
@@ -100,7 +100,8 @@ _TRIED = list(product(range(4), _FACTORS))
 #: digits of the warmth by a N m, much less than its least walk, and most seconds that it is late
 #: (chosen)
 _DIGITS, _MOST_LATE_S = 3, 20
-#: share of what is taken for a sway that may be slow noise of the torque sensor all the same (chosen)
+#: share of what is taken for a sway that may be slow noise of the torque sensor all the same
+#: (chosen)
 _SENSORS = 0.5
 #: a larger size is taken if the loss of log likelihood is not more than this (chosen)
 _NEARLY = 1.0
@@ -118,7 +119,10 @@ _WALKING = np.isin([*COEFFICIENTS, "probe"], COEFFICIENTS[:8])
 
 
 def default_covariance() -> FloatArray:
-    """Covariance of the coefficients, relative, and the probe's lag: wide enough for a model within 10 %."""
+    """Covariance of the coefficients, relative, and the probe's lag.
+
+    Wide enough for a model within 10 %.
+    """
     sigma = np.array(
         [_TOOL_LAG if name == "tool_lag_s" else _UNIDENTIFIED for name in COEFFICIENTS]
         + [_PROBE_S]
@@ -151,7 +155,7 @@ def covariance_from(file: str | Path) -> FloatArray | None:
 
 @dataclass(slots=True)
 class Second:
-    """Residuals of a second, NaN where withheld, their sensitivities and the variance of their white noise."""
+    """Residuals of a second (NaN: withheld), sensitivities, variance of their white noise."""
 
     residuals: FloatArray  #: (3,)
     sensitivities: FloatArray  #: (3, coefficients and the probe's lag)
@@ -163,7 +167,7 @@ class Second:
 
 @dataclass(slots=True)
 class Sizes:
-    """Sizes of disturbances, as factors on the least ones, and correlation times [s] of the coloured ones, by state."""
+    """Factors on the least disturbances, and correlation times [s] of coloured ones, by state."""
 
     factors: FloatArray
     times_s: dict[int, float]
@@ -187,11 +191,11 @@ def _likeliest(lost: FloatArray) -> tuple[int, float]:
 
 
 def warmth_of(parameters: ModelParameters) -> tuple[float, int]:
-    """How much the model's tool warms in a second by a N m of the torque [degC], and how late that is [s].
+    """Warming of the model's tool in a second per N m of torque [degC], and its delay [s].
 
-    Power is computed from the measured torque, so that a swing, which may be the sensor's noise, heats
-    the model and not the workpiece. The filter knows the swing by the torque, and takes its heat out
-    once the dead time and the tool's lag are over.
+    Power is computed from the measured torque, so that a swing, which may be the sensor's noise,
+    heats the model and not the workpiece. The filter knows the swing by the torque, and takes its
+    heat out once the dead time and the tool's lag are over.
     """
     follow = 1.0 - exp(-1.0 / parameters.copper_lag_s)
     gain = parameters.thermal_gain_c_per_kw * float(equations.power_kw(1.0, SPEED_RPM))
@@ -200,7 +204,7 @@ def warmth_of(parameters: ModelParameters) -> tuple[float, int]:
 
 
 class Filter:
-    """Kalman filters of healthy welds, several at once that differ in the sizes of the disturbances."""
+    """Kalman filters of healthy welds, several that differ in the sizes of the disturbances."""
 
     def __init__(
         self,
@@ -246,7 +250,10 @@ class Filter:
         return sqrt(1.0 + (warmth_c / _LEAST[WARMTH]) ** 2)
 
     def step(self, second: Second, traces: Traces | None = None) -> FloatArray:
-        """Take a second; returns twice the loss of log likelihood, by residual and filter, shape (3, filters)."""
+        """Take a second.
+
+        Returns twice the loss of log likelihood, by residual and filter, shape (3, filters).
+        """
         self.x = np.einsum("nij,nj->ni", self._step, self.x)
         self.p = self._step @ self.p @ self._step.transpose(0, 2, 1) + self._fresh
         for state, variance in second.moves.items():
@@ -319,7 +326,10 @@ class Traces:
         self._excess[residual] += (excess - self._excess[residual]) / _OBSERVED_S
 
     def sizes(self) -> tuple[FloatArray, FloatArray]:
-        """Most likely sizes and their standard errors, shape (onsets, faults); without information 0 and infinity."""
+        """Most likely sizes and their standard errors, shape (onsets, faults).
+
+        Without information 0 and infinity.
+        """
         known = self.power > 1e-12
         power = np.where(known, self.power, 1.0)
         return np.where(known, self.product / power, 0.0), np.where(
@@ -331,11 +341,14 @@ class Traces:
         return sizes * self.product - 0.5 * sizes**2 * self.power
 
     def averages(self, expected: FloatArray, possible: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Sizes and standard errors with the onset unknown, shape (faults,): mean and deviation over all onsets.
+        """Sizes and standard errors with the onset unknown, shape (faults,).
 
-        The size at the likeliest onset is too large, because that onset is chosen by it. So each of the
-        ``possible`` onsets, shape (onsets,), counts by its likelihood, with sizes normally distributed about 0
-        by ``expected`` (Bayesian model averaging; Hoeting et al., Statistical Science 14, 1999, 382-417).
+        Mean and deviation over all onsets.
+
+        The size at the likeliest onset is too large, because that onset is chosen by it. So each
+        of the ``possible`` onsets, shape (onsets,), counts by its likelihood, with sizes normally
+        distributed about 0 by ``expected`` (Bayesian model averaging; Hoeting et al., Statistical
+        Science 14, 1999, 382-417).
         """
         precision = self.power[possible] + 1.0 / expected**2
         means = self.product[possible] / precision
@@ -347,7 +360,10 @@ class Traces:
 
 
 class Healthy:
-    """The filter of a weld: it learns how large the disturbances are, then takes the weld from its begin."""
+    """The filter of a weld.
+
+    It learns how large the disturbances are, then takes the weld from its begin.
+    """
 
     def __init__(
         self, parameters: ModelParameters, covariance: FloatArray, known_heat: bool
@@ -363,7 +379,10 @@ class Healthy:
         self.learnt: Sizes | None = None  #: sizes of the disturbances, once they are known
 
     def step(self, second: Second, traces: Traces | None = None) -> float:
-        """Take a second; returns by how much an edge of the workpiece has moved the depth [mm], mostly 0."""
+        """Take a second.
+
+        Returns by how much an edge of the workpiece has moved the depth [mm], mostly 0.
+        """
         if np.isfinite(second.residuals[TORQUE]):
             self._torque = _row(TORQUE, second, self.n_states)
             self._torque[[SWING, SWAY, EDGE]] = 0.0
@@ -406,7 +425,10 @@ class Healthy:
             self._filter.p[:, state, state] += size**2
 
     def gains(self, process_nm: float) -> dict[str, tuple[float, float]]:
-        """Gains relative to the model's, each with its standard error; ``process_nm`` is the model's torque."""
+        """Gains relative to the model's, each with its standard error.
+
+        ``process_nm`` is the model's torque.
+        """
         x, p, sizes = self._filter.x[self._best], self._filter.p[self._best], {}
         rows = {"torque": self._torque / process_nm if process_nm else 0.0 * self._torque}
         for name, coefficient in (
@@ -420,6 +442,6 @@ class Healthy:
 
     @property
     def disturbances(self) -> tuple[float, float, float]:
-        """Torque [N m], force [kN] and temperature [degC] that neither model nor coefficients explain."""
+        """Torque [N m], force [kN], temperature [degC] that the model does not explain."""
         torque, force, heat = self._filter.x[self._best, [LEVEL, FORCE, WARMTH]]
         return float(torque), float(force), float(heat)

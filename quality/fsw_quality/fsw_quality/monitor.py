@@ -1,4 +1,6 @@
-"""The watch within a weld: sensors and drives first, then the process, by the likelihood of its residuals.
+"""The watch within a weld.
+
+Sensors and drives first, then the process, by the likelihood of its residuals.
 
 It commands nothing. Everything that it compares is measured or commanded; the emulator's truth is
 not among it.
@@ -47,27 +49,27 @@ _RANGES = ((0.3, 6.0), (0.0, 4000.0), (300.0, 1200.0))
 _NEEDS = {TORQUE: (0, 1), DEPTH: (0, 2), HEAT: (1, 2)}
 #: onsets that are compared, and the time between two [s] (chosen)
 _ONSETS, _EVERY_S = 30, 10
-#: Log likelihood ratios are smoothed exponentially over this time [s] (chosen), as on an EWMA chart
-#: (Roberts, Technometrics 1, 1959, 239-250): a fault stands, an excursion of a healthy weld does
-#: not, and what is far beyond the level is an alarm within seconds
+#: Log likelihood ratios are smoothed exponentially over this time [s] (chosen), as on an EWMA
+#: chart (Roberts, Technometrics 1, 1959, 239-250): a fault stands, an excursion of a healthy weld
+#: does not, and what is far beyond the level is an alarm within seconds
 SMOOTHED_S = 20.0
 #: level of an alarm: the largest smoothed ratio of any cause exceeds it in one healthy weld of 45
 #: minutes in a hundred, causes and times together (``benchmarks/monitor.py --calibrate``)
 ALARM = 9.0
-#: the estimates are of faults that have been there for at least so long [s]; sizes that they expect,
-#: in the largest that does no harm (standard deviation; chosen)
+#: the estimates are of faults that have been there for at least so long [s]; sizes that they
+#: expect, in the largest that does no harm (standard deviation; chosen)
 LASTS_S, _EXPECTED = 60.0, 10.0
 #: largest ratio that counts in a second: what lasts for a second or two is no alarm (chosen)
 _COUNTS = 40.0
 #: by which the likeliest cause leads those that are named beside it (chosen: 20 to 1)
 _BESIDE = 3.0
-#: model and signatures are inexact by this share: of what moves within a second, of the largest size
-#: that does no harm, and of a likelihood ratio, so that causes that are nearer cannot be
+#: model and signatures are inexact by this share: of what moves within a second, of the largest
+#: size that does no harm, and of a likelihood ratio, so that causes that are nearer cannot be
 #: distinguished, either (chosen)
 _INEXACT = 0.1
 #: share of what the force presses in by which it is inexact; time by which the model's temperature
-#: is early or late, and lag of a probe, by which its slope shows in the depth: for a while, and for
-#: good [s] (chosen)
+#: is early or late, and lag of a probe, by which its slope shows in the depth: for a while, and
+#: for good [s] (chosen)
 _PRESSES, _LATE_S, _PROBE_S, _STAYS_S = 0.03, 0.3, 2.0, 1.0
 
 
@@ -180,14 +182,17 @@ class ProcessWatch:
         inexact = (_INEXACT * moved_c) ** 2 + late_c**2
         return {
             WARMTH: inexact,
-            # what a lag of the probe makes of it in the depth: for good, as far as the filter has put
-            # it down to the press or to an edge, and for a while
+            # what a lag of the probe makes of it in the depth: for good, as far as the filter has
+            # put it down to the press or to an edge, and for a while
             OFFSET: (_PRESSES * pressed_mm) ** 2 + (_STAYS_S * before.mm_per_c) ** 2 * inexact,
             DEPTH_NOISE: (_PROBE_S * before.mm_per_c * late_c) ** 2,
         }
 
     def _begin(self, onset: Onset) -> None:
-        """An onset more, in the place of the one whose neighbours are nearest for its age, but not of an alarm's."""
+        """Add an onset.
+
+        It replaces the one with the nearest neighbours for its age, no alarm's.
+        """
         if len(self._onsets) < _ONSETS:
             self._onsets.append(onset)
             return
@@ -200,22 +205,31 @@ class ProcessWatch:
         self._traces.begin(place)
 
     def gains(self) -> dict[str, tuple[float, float]]:
-        """Gains relative to the model's, each with its standard error; that of the heat only where it is known."""
+        """Gains relative to the model's, each with its standard error.
+
+        That of the heat only where it is known.
+        """
         gains = self.healthy.gains(self.residuals.gains().process_nm)
         return {name: gain for name, gain in gains.items() if name != "heat" or self._known_heat}
 
     def information(self, cause: WatchCause, onset_s: float) -> float:
-        """Inverse variance of a fault's size, by what was measured since the onset nearest to a time."""
+        """Inverse variance of a fault's size, measured since the onset nearest to a time."""
         nearest = int(np.argmin([abs(onset.time_s - onset_s) for onset in self._onsets]))
         return float(self._traces.power[nearest, self._faults.index(cause)])
 
     @property
     def ratio(self) -> float:
-        """Smoothed log likelihood ratio of the likeliest harmful fault: what an alarm is decided by."""
+        """Smoothed log likelihood ratio of the likeliest harmful fault.
+
+        What an alarm is decided by.
+        """
         return float(self._ratios.max())
 
     def estimates(self, time_s: float) -> list[Estimate]:
-        """Size of each fault, if it alone has been there for a minute or longer; shorter at the begin."""
+        """Size of each fault, if it alone has been there for a minute or longer.
+
+        Shorter at the begin.
+        """
         if not self._onsets:
             return [Estimate(fault, reason=NotJudged.LEARNING) for fault in self._faults]
         ages_s = time_s - np.array([onset.time_s for onset in self._onsets])
@@ -372,10 +386,13 @@ class Monitor:
 
     @property
     def gains(self) -> dict[str, tuple[float, float]]:
-        """Gains of this weld relative to the model's, each with its standard error; that of the heat where known."""
+        """Gains of this weld relative to the model's, each with its standard error.
+
+        That of the heat where known.
+        """
         return self.process.gains()
 
     @property
     def disturbances(self) -> tuple[float, float, float]:
-        """Torque [N m], force [kN] and temperature [degC] that neither the model nor its coefficients explain."""
+        """Torque [N m], force [kN], temperature [degC] that the model does not explain."""
         return self.process.healthy.disturbances

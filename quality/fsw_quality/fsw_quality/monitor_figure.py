@@ -1,4 +1,7 @@
-"""Figure of a watched weld: disturbances, likelihood of the likeliest fault, alarms, estimated sizes of all faults."""
+"""Figure of a watched weld.
+
+Disturbances, likelihood of the likeliest fault, alarms, estimated sizes of all faults.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +73,7 @@ def draw(watched: Watched, title: str, file: Path) -> None:
 
 
 def _estimates(panel: Axes, minutes: FloatArray, fault: tuple[Estimate, ...]) -> None:
-    """Size of a fault with twice its standard error, and the smallest one that would be an alarm in a minute."""
+    """Size of a fault with twice its standard error; the smallest one that alarms in a minute."""
     last = fault[-1]
     panel.set_title(f"{last.name} [{last.unit}]", fontsize=8.0, loc="left", pad=2.0)
     panel.tick_params(labelsize=7.0)

@@ -1,4 +1,7 @@
-"""The monitor as a node: watches the weld, names causes and advice; it publishes no command and no set-point."""
+"""The monitor as a node: watches the weld, names causes and advice.
+
+It publishes no command and no set-point.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,7 @@ class Watching(Worded):
 
 
 class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
-    """Joins the topics of a weld into ticks for :class:`~fsw_quality.monitor.Monitor`, and reports once a second.
+    """Joins a weld's topics into ticks for :class:`~fsw_quality.monitor.Monitor`; reports.
 
     A plant may wait with its first tick for a number of subscribers of its sensors, meant are the
     controllers. So this node subscribes to the sensors only while it hears the drives.
@@ -118,7 +121,10 @@ class MonitorNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types 
     # ---------------------------------------------------------------- reports
 
     def _publish(self) -> None:
-        """Publish what was found; new alarms also as diagnostics, which otherwise come once a second."""
+        """Publish what was found.
+
+        New alarms also as diagnostics, which otherwise come once a second.
+        """
         monitor, gains = self._monitor, self._monitor.gains
         torque_nm, force_kn, temperature_c = monitor.disturbances
         self._health.publish(
@@ -197,7 +203,7 @@ def _message(finding: Finding) -> WeldFinding:
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until it is stopped; returns the exit code."""
-    about = "Watches a weld and warns of faults before they spoil it, with cause and advice. It commands nothing."
+    about = "Watches a weld and warns of faults early, with cause and advice. Commands nothing."
     return run(MonitorNode, args, NodeArguments("fsw_monitor", about, MonitorParameters))
 
 

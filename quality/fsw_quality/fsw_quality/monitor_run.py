@@ -1,4 +1,7 @@
-"""The watch over a recorded weld: the same monitor, tick by tick, and the time line of what it found."""
+"""The watch over a recorded weld.
+
+The same monitor, tick by tick, and the time line of what it found.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,10 @@ class Watched:
     )  #: at the end, with standard errors
 
     def drifts(self, learnt_s: float = LEARN_S) -> tuple[float, float, float]:
-        """Largest changes of the disturbances after those of the begin were learnt; NaN in a shorter weld."""
+        """Largest changes of the disturbances after those of the begin were learnt.
+
+        NaN in a shorter weld.
+        """
         late = np.array(self.disturbances)[np.array(self.time_s) > self.time_s[0] + learnt_s]
         if not late.size:
             return (np.nan,) * 3
@@ -54,7 +60,10 @@ class Watched:
 
 
 def process_of(signals: WeldSignals) -> str:
-    """``canister`` if the scenario in the bag says so, or the bag is of a machine; else ``paper``."""
+    """``canister`` if the scenario in the bag says so, or the bag is of a machine.
+
+    Else ``paper``.
+    """
     text = signals.attachments.get("scenario.yaml")
     if text is None:
         return "paper" if signals.truth is not None else "canister"
@@ -66,7 +75,10 @@ def process_of(signals: WeldSignals) -> str:
 
 
 def samples(signals: WeldSignals) -> Iterator[Sample]:
-    """The ticks of a weld as a monitor in the graph sees them; without feedback of the drives, the commands act."""
+    """The ticks of a weld as a monitor in the graph sees them.
+
+    Without feedback of the drives, the commands act.
+    """
     command_force, command_speed = (
         np.append([np.nan], values[:-1]) for values in (signals.force_kn, signals.speed_rpm)
     )

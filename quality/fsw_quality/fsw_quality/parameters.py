@@ -9,7 +9,10 @@ from fsw_control.schema.ranges import Range
 
 
 class MonitorParameters(NodeParameters):
-    """Parameters of the monitor, which watches a weld and names what is wrong and why; it commands nothing."""
+    """Parameters of the monitor, which watches a weld and names what is wrong and why.
+
+    It commands nothing.
+    """
 
     process: Annotated[Literal["paper", "canister"], AT_START] = "paper"
     """What the model knows: paper, also the power that holds a temperature; canister, where that

@@ -1,4 +1,7 @@
-"""The record of a weld: what it was, what was kept, where it was not, and the verdict; its JSON has a schema."""
+"""The record of a weld: what it was, what was kept, where it was not, and the verdict.
+
+Its JSON has a schema.
+"""
 
 from __future__ import annotations
 
@@ -106,7 +109,9 @@ def read(
 
 
 def proof_of(bag: Path) -> tuple[list[Fact], list[str]]:
-    """Whether a bag is what was recorded, and who signed for it; and what of that is wrong, in words.
+    """Whether a bag is what was recorded, and who signed for it.
+
+    And what of that is wrong, in words.
 
     Any key will do: whose it is, the reader of its fingerprint has to say.
     """
@@ -144,7 +149,7 @@ def judged(
     sensors = np.stack([signals.depth_mm, signals.torque_nm, signals.temperature_c])
     if not np.isfinite(sensors).any():
         raise BagError(
-            f"{bag}: has no sample of any sensor; a record needs /fsw/depth, /fsw/spindle_torque and others"
+            f"{bag}: has no sample of any sensor, e.g. on /fsw/depth; a record needs them"
         )
     return assemble(signals, procedure, files_of(bag), proof)
 
@@ -239,7 +244,10 @@ def depth_basis(fused: FusedSignals) -> DepthBasis | None:
 
 
 def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
-    """What the node that watches the procedure told while the weld ran, each change once: procedure, deviations."""
+    """What the node that watches the procedure told while the weld ran, each change once.
+
+    Procedure, deviations.
+    """
     topic = reader.topics().get(_DIAGNOSTICS)
     if topic is None:
         return []
@@ -271,7 +279,7 @@ def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
 
 
 def estimated(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
-    """Sizes of the faults of the process as the monitor estimated them last, with its units for people."""
+    """Last estimated sizes of the process's faults, in the monitor's units for people."""
     topic = reader.topics().get(signals.namespace + _HEALTH)
     latest = deque(reader.records([topic.name]) if topic else (), maxlen=1)
     if topic is None or not latest:
@@ -341,7 +349,10 @@ def files_of(bag: Path) -> tuple[BagFile, ...]:
 
 
 def times_of_control(events: Sequence[WeldEvent], end_s: float) -> list[TimeOfControl]:
-    """Who had control when, from the operators' actions on record; ``end_s`` is the end of the weld."""
+    """Who had control when, from the operators' actions on record.
+
+    ``end_s`` is the end of the weld.
+    """
     times: list[TimeOfControl] = []
     holder, since_s = "", 0.0
     for event in events:

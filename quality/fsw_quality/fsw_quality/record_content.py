@@ -101,7 +101,7 @@ class Event(Model):
 
     time_s: Rounded
     kind: str
-    """phase, weld, swap, mode, interlock, alarm, operator, fault, procedure, deviation, finding or estimate"""
+    """phase, swap, mode, interlock, alarm, operator, fault, deviation, finding, estimate, …"""
     subject: str | None = None
     """the phase, controller, mode, interlock, request, alarm, fault, procedure or cause"""
     state: str | None = None
@@ -183,7 +183,7 @@ class Figure(Model):
     low: Rounded
     high: Rounded
     deviations: Rounded | None = None
-    """how many standard deviations of the others it is from their mean; of too few, or all equal, without"""
+    """distance from the mean of the others in their standard deviations, if it exists"""
 
     is_far: bool = False
     """whether it is outside of the prediction interval of the next weld"""
@@ -220,9 +220,9 @@ class Record(Model):
     identity: dict[str, str]
     """canister, lid, tool and machine, as far as the recorder was told"""
     weld_data: WeldData | None = None
-    """of ISO 25239-4 and -5, by procedure and recorder, e.g. operator's qualification, material heat"""
+    """of ISO 25239-4 and -5, by procedure and recorder, e.g. operator, material heat"""
     afterwards: WeldData | None = None
-    """stated by who wrote the record, e.g. NDT, nonconformance, disposition; the bag does not prove it"""
+    """stated by the record's writer, e.g. NDT, disposition; the bag does not prove it"""
     extra: dict[str, str | float | bool] = Field(default_factory=dict)
     """what else procedure and recorder say of the weld"""
     judged_with: dict[str, str] = Field(default_factory=dict)
@@ -249,7 +249,7 @@ class Record(Model):
     missing: dict[str, int]
     """samples that are not on record, by variable"""
     unusable: dict[str, dict[str, int]]
-    """samples that controllers and interlocks do not use, by sensor and reason, those that are missing included"""
+    """samples that controllers and interlocks do not use, by sensor and reason; also missing"""
     unusable_at: Many[Unusable] = ()
     """the same in place, without those that are missing"""
     gaps: Many[Gap]
@@ -270,7 +270,10 @@ class Record(Model):
 
 
 def other_version(content: Any, file: object) -> Finding | None:
-    """Finding that the content of a record.json is of another version of the format; None where it is not."""
+    """Finding that the content of a record.json is of another version of the format.
+
+    None where it is not.
+    """
     version = content.get("version") if isinstance(content, dict) else None
     read: int = Record.model_fields["version"].default
     is_other = isinstance(version, int) and version != read

@@ -1,4 +1,7 @@
-"""Writes the record of a weld: ``record.json``, and ``record.html`` and ``record.pdf`` from one template."""
+"""Writes the record of a weld.
+
+``record.json``, and ``record.html`` and ``record.pdf`` from one template.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,8 @@ def _statement(record: Record) -> tuple[str, str]:
     """Heading and first sentence of page and PDF: what was decided of which weld, by what."""
     canister, deciding = record.identity.get("canister"), record.deciding
     heading = f"{canister}: {record.verdict.upper()}" if canister else record.verdict.upper()
-    judged = f"Weld {record.bag}, judged by procedure {record.procedure.id} revision {record.procedure.revision}."
+    procedure = f"{record.procedure.id} revision {record.procedure.revision}"
+    judged = f"Weld {record.bag}, judged by procedure {procedure}."
     return heading, f"{judged} Decided by: {deciding.name}, {deciding.words}: {deciding.figure}."
 
 

@@ -1,4 +1,4 @@
-"""Measured values minus those of the process model, and how each depends on the model's coefficients.
+"""Measured values minus the process model's, and their sensitivities to its coefficients.
 
 The drives report the force and the speed that act, so each equation of the model connects measured
 values alone, whatever controller commands. The residuals compare:
@@ -114,7 +114,9 @@ class ModelResiduals:
         self.edges_mm = 0.0
 
     def step(self, now: Values) -> FloatArray:
-        """Residuals at a tick, shape (3, 1 + coefficients): by the model, and by each of its changed copies.
+        """Residuals at a tick, shape (3, 1 + coefficients).
+
+        By the model, and by each of its changed copies.
 
         Where the torque is NaN, the model's takes its place.
         """
@@ -170,7 +172,7 @@ class ModelResiduals:
         return float(self._motor[0]) + inertia_nm
 
     def sensitivities(self, residuals: FloatArray) -> FloatArray:
-        """Change of the measured values, shape (3, coefficients), by a relative change of each coefficient."""
+        """Change of the measured values (3, coefficients) by a relative one of a coefficient."""
         return (residuals[:, :1] - residuals[:, 1:]) / self._changes
 
     def gains(self) -> Gains:
@@ -194,7 +196,10 @@ class ModelResiduals:
         )
 
     def _slope(self, temperature_c: float, heated_c: float) -> float:
-        """Slope of the temperature [degC/s]: the model's, which has no noise, and the mean one of what it leaves."""
+        """Slope of the temperature [degC/s].
+
+        The model's, which has no noise, and the mean one of what it leaves.
+        """
         place, unexplained = self._at % _SLOPE_TICKS, temperature_c - heated_c
         slope = (unexplained - self._unexplained[place]) / (_SLOPE_TICKS * STEP_S)
         self._unexplained[place] = unexplained
@@ -211,7 +216,10 @@ class ModelResiduals:
 
 
 def _changed(p: ModelParameters, name: str, change: float) -> tuple[ModelParameters, float]:
-    """A copy with a coefficient that is changed, and by how much: less of it where its range ends."""
+    """A copy with a coefficient that is changed, and by how much.
+
+    Less of it where its range ends.
+    """
     try:
         return p.scaled(**{name: 1.0 + change}), change
     except InputError:

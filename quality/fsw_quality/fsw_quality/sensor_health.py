@@ -1,4 +1,4 @@
-"""Health of a sensor, judged by its own samples alone and before anything is concluded from them."""
+"""Health of a sensor, judged by its own samples before anything is concluded from them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,10 @@ _COOLS = 0.15
 
 
 class SensorHealth:
-    """Stuck, spikes, noise. Nothing clears it but another weld: a failover is often what a stuck sensor causes."""
+    """Stuck, spikes, noise.
+
+    Nothing clears it but another weld: a failover is often what a stuck sensor causes.
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -67,7 +70,10 @@ class SensorHealth:
         return self._run >= self._allowed
 
     def push(self, time_s: float, value: float, carrier: float) -> bool:
-        """Take a sample, and the same without what the process does to it; returns whether it may be used."""
+        """Take a sample, and the same without what the process does to it.
+
+        Returns whether it may be used.
+        """
         if not isfinite(value):
             return False
         if not isfinite(self._begun_s):
@@ -136,7 +142,10 @@ class SensorHealth:
 
 
 class Detached:
-    """Whether the thermocouple has lost its contact: the temperature falls, and the power does not."""
+    """Whether the thermocouple has lost its contact.
+
+    The temperature falls, and the power does not.
+    """
 
     def __init__(self) -> None:
         self._shown: deque[tuple[float, float]] = deque(maxlen=_FALL_S + 1)

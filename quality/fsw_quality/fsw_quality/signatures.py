@@ -1,4 +1,7 @@
-"""Faults that residuals of the model can show: their signatures, and the size below which they do not matter."""
+"""Faults that residuals of the model can show.
+
+Their signatures, and the size below which they do not matter.
+"""
 
 from __future__ import annotations
 

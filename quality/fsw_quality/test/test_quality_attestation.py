@@ -291,7 +291,10 @@ def test_the_next_key_continues_the_chain_and_an_expired_one_does_not(shop: Shop
 
 
 def test_a_key_revoked_later_is_proven_by_what_others_signed_before(shop: Shop) -> None:
-    """Else its own clock is the only witness, which is said; what others signed later convicts it."""
+    """Else its own clock is the only witness, which is said.
+
+    What others signed later convicts it.
+    """
     make_key(shop.folder / "next")
     following = load_private(shop.folder / "next")
     first, last = NOW + timedelta(days=2), NOW + timedelta(days=5)
@@ -395,7 +398,10 @@ def test_a_crash_while_attesting_is_mended_by_the_same_call(
 
 
 def test_a_bag_whose_recorder_was_killed_is_attested_as_such(shop: Shop) -> None:
-    """It is noted, and refused where signatures are required; what is changed afterwards is found."""
+    """It is noted, and refused where signatures are required.
+
+    What is changed afterwards is found.
+    """
     shop.weld(9, manifest=False)
     (shop.bag(9) / "metadata.yaml").unlink()
     file = shop.bag(9) / "weld_9_0.mcap"

@@ -122,7 +122,10 @@ def test_times_of_control(
 def test_what_the_watch_tells_is_on_record_once_each(
     tmp_path: Path, home: str, neighbour: str
 ) -> None:
-    """Diagnostics come every second; what changes is an event, at the weld's time. Another weld's do not count."""
+    """Diagnostics come every second; what changes is an event, at the weld's time.
+
+    Another weld's do not count.
+    """
     identity = {"procedure": "p", "revision": "B", "SHA-256": "ab" * 32}
     facts = {"code": "mode", "mode": "manual", "who": "a key that an event has, too"}
     types, kind = SampleTypes(), "diagnostic_msgs/msg/DiagnosticArray"
@@ -161,7 +164,10 @@ def test_what_the_watch_tells_is_on_record_once_each(
 
 @pytest.mark.parametrize("home", ["", "/cell1"])
 def test_last_estimates_of_the_monitor_are_on_record(tmp_path: Path, home: str) -> None:
-    """Each as an event with its numbers in a unit that is named; of what was not judged, why. An older monitor has none."""
+    """Each as an event with its numbers in a unit that is named; of what was not judged, why.
+
+    An older monitor has none.
+    """
     kind, definitions = "fsw_msgs/msg/WeldHealth", Definitions()
     weld, definition = replace(good_weld(), namespace=home), interface_definition(kind)
     wear = {"cause": 45, "size": 0.01, "error": 0.002, "alarm_size": math.inf}

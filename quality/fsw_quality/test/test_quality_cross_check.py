@@ -1,4 +1,7 @@
-"""What is signed together is of one weld: each attack on record, procedure and identity is refused with its code."""
+"""What is signed together is of one weld.
+
+Each attack on record, procedure and identity is refused with its code.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,10 @@ def welded_by() -> Procedure:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory, welded_by: Procedure) -> Path:
-    """Two welds by a procedure that is attached to their bags, with their records, and a key; not to be changed."""
+    """Two welds by a procedure that is attached to their bags, with their records, and a key.
+
+    Not to be changed.
+    """
     folder = tmp_path_factory.mktemp("made")
     make_key(folder / "key")
     for number in (1, 2):

@@ -1,4 +1,7 @@
-"""The commands on evidence: keys, attested bags, their chain; what is wrong is said in one line."""
+"""The commands on evidence: keys, attested bags, their chain.
+
+What is wrong is said in one line.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The history of welds: rows are kept, what is unlike is found, and a tool's life has an interval."""
+"""The history of welds.
+
+Rows are kept, what is unlike is found, and a tool's life has an interval.
+"""
 
 from __future__ import annotations
 

@@ -240,7 +240,10 @@ def test_what_is_not_judged_says_why() -> None:
 def test_size_with_unknown_onset_is_within_two_standard_errors_in_19_welds_of_20(
     size: float, from_s: int
 ) -> None:
-    """The size at the likeliest onset is not: that onset is chosen because it makes the size large."""
+    """The size at the likeliest onset is not.
+
+    That onset is chosen because it makes the size large.
+    """
     random, n_welds, seconds = np.random.default_rng(7), 2000, 100
     onsets = np.arange(0, 71, 10)
     values = (

@@ -1,4 +1,7 @@
-"""The monitor as a node: it joins the topics of a weld, and publishes what it finds as a topic and as diagnostics."""
+"""The monitor as a node.
+
+It joins the topics of a weld, and publishes what it finds as a topic and as diagnostics.
+"""
 
 import math
 

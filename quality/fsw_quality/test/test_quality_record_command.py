@@ -216,7 +216,10 @@ def test_a_damaged_bag_is_never_accepted(recorded: Path, tmp_path: Path) -> None
 @pytest.mark.slow
 @pytest.mark.full
 def test_a_flipped_bit_is_told_or_changes_nothing(recorded: Path, tmp_path: Path) -> None:
-    """Messages and attachments have checksums; indexes have none, and nothing is read from them."""
+    """Messages and attachments have checksums.
+
+    Indexes have none, and nothing is read from them.
+    """
     asked, bag = procedure.load(with_changes(tmp_path, quality=[])), tmp_path / "bag"
     shutil.copytree(recorded, bag)
     data = (bag / "bag_0.mcap").read_bytes()
@@ -256,7 +259,10 @@ def test_what_has_no_record_is_said_in_one_line(
 def test_weld_without_a_phase_of_its_procedure_is_rejected(
     weld_bag: Path, tmp_path: Path, has_programme: bool
 ) -> None:
-    """Whether it has no programme, or that of another procedure: it was welded, so it has a record."""
+    """Whether it has no programme, or that of another procedure.
+
+    It was welded, so it has a record.
+    """
     if has_programme:
         write_programme_weld(tmp_path / "programme")
     foreign = procedure.load(with_changes(tmp_path, phases=[PHASES[1]]))

@@ -173,7 +173,10 @@ def test_a_weld_with_a_gap_is_never_accepted(ticks: list[int]) -> None:
 
 
 def test_a_gap_spans_its_ticks_wherever_they_are() -> None:
-    """Between its neighbours, also at both ends: when the programme began and was done is on record."""
+    """Between its neighbours, also at both ends.
+
+    When the programme began and was done is on record.
+    """
     record = judged(without(good_weld(), [0, 20, 21, 22, TICKS - 1]))
     assert [(gap.begin_s, gap.duration_s) for gap in record.gaps] == [
         (0.1, 0.1),
@@ -402,7 +405,10 @@ def test_a_swap_on_request_is_as_the_procedure_says() -> None:
     ],
 )
 def test_short_exceedances_of_quality_add_up(changes: dict[str, float], verdict: Verdict) -> None:
-    """Each no longer than tolerated: they were accepted, though the depth was off for most of the weld."""
+    """Each no longer than tolerated.
+
+    They were accepted, though the depth was off for most of the weld.
+    """
     weld = good_weld()
     weld.depth_mm[DWELL + np.flatnonzero(np.arange(TICKS - DWELL) % 4 != 3)] += 0.108
     procedure = short_procedure(acceptance=PROCEDURE.acceptance.model_dump() | changes)
@@ -508,7 +514,10 @@ def test_where_an_exceedance_was() -> None:
 
 
 def test_the_traverse_speed_does_not_jump_where_a_phase_begins_in_motion() -> None:
-    """The report of the new phase comes into force a tick after it; the one before it is up to a second old."""
+    """The report of the new phase comes into force a tick after it.
+
+    The one before it is up to a second old.
+    """
     weld = good_weld()
     reports = sorted([*range(DWELL, TICKS, 10), DWELL + 28, TICKS - 1])
     at = np.searchsorted(np.array(reports) + 1, np.arange(1, TICKS + 1), side="right") - 1

@@ -1,4 +1,4 @@
-"""Starts a weld: plant or gateway to a machine, controllers, supervisors and, if wanted, recorder, player, page.
+"""Starts a weld: plant or gateway, controllers, supervisors; if asked for, recorder, player, page.
 
 With a scenario the launch ends when the player has played it; without one it runs until Ctrl-C and
 is steered by hand. So it does in real time after the programme of a weld was aborted: the safe
@@ -126,7 +126,7 @@ def _end_of(process: Process, graph: WeldGraph) -> dict[str, Any]:
 
 
 def _respawn() -> dict[str, Any]:
-    """Options of a node that is started again when it dies, but not when it refuses its very first start.
+    """Options of a node that is restarted when it dies, but not when it refuses its first start.
 
     A later refusal does not end the weld: it may pass, as a full disk does.
     """
@@ -137,14 +137,15 @@ def _respawn() -> dict[str, Any]:
         first, ended = not ended, True
         if first and event.returncode == REFUSED:
             raise RuntimeError(
-                f"{event.process_name} refuses its parameters or arguments; the line it printed says why"
+                f"{event.process_name} refuses its parameters or arguments; "
+                "the line it printed says why"
             )
 
     return {"respawn": True, "respawn_delay": RESPAWN_DELAY_S, "on_exit": on_exit}
 
 
 def _after_player(realtime: bool) -> Callable[[ProcessExited, LaunchContext], list[Any]]:
-    """What happens when the scenario player ends: the launch ends, but not a real-time weld in its safe stop."""
+    """End the launch with the scenario player, except for a real-time weld in its safe stop."""
 
     def on_exit(event: ProcessExited, _: LaunchContext) -> list[Any]:
         if realtime and event.returncode == ABORTED:

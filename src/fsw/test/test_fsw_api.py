@@ -49,7 +49,10 @@ def test_every_public_name_has_an_example():
 
 
 def test_import_loads_no_heavy_module():
-    code = "import sys, fsw; print(sorted({'numpy', 'casadi', 'matplotlib', 'rclpy'} & set(sys.modules)))"
+    code = (
+        "import sys, fsw; print(sorted({'numpy', 'casadi', 'matplotlib', "
+        "'rclpy'} & set(sys.modules)))"
+    )
     assert (
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
         == "[]\n"

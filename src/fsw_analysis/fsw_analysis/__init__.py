@@ -1,4 +1,4 @@
-"""Analysis of recorded welds: aligned signals, figures of merit, figures, comparison and verification."""
+"""Analysis of recorded welds: aligned signals, figures of merit, plots, comparison, verdict."""
 
 import os
 from contextlib import suppress

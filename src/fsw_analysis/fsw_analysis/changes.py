@@ -1,4 +1,4 @@
-"""Finds the changes of set-points and output disturbances in the signals of a weld, and the end of its scenario."""
+"""Finds changes of set-points and disturbances in a weld, and the end of its scenario."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Change:
 
 
 def marks(signals: WeldSignals) -> dict[str, list[float]]:
-    """Times [s] at which set-points, disturbances of any kind, and faults change, as far as the bag shows them."""
+    """Times [s] at which set-points, disturbances and faults change, as the bag shows them."""
     by_kind: dict[str, list[int]] = {"set-point": [], "disturbance": [], "fault on, off": []}
     for change in changes(signals):
         by_kind["set-point" if change.quantity.endswith("reference") else "disturbance"].append(
@@ -98,7 +98,10 @@ def cut_to_scenario(signals: WeldSignals) -> WeldSignals:
 
 
 def _scenario_s(signals: WeldSignals) -> float:
-    """Duration of the scenario that is attached to the bag; infinite where it has none, as one of phases."""
+    """Duration of the scenario that is attached to the bag.
+
+    Infinite where it has none, as one of phases.
+    """
     text = signals.attachments.get("scenario.yaml")
     try:
         content = load_yaml(text.decode()) if text else None
@@ -108,7 +111,7 @@ def _scenario_s(signals: WeldSignals) -> float:
 
 
 def missing_at_end_s(signals: WeldSignals) -> float:
-    """Seconds of a weld that are not on record at its end; NaN where they are missing, and how many is not known.
+    """Seconds of a weld missing at the end of its record; NaN if their number is unknown.
 
     How long it should be is known from its scenario; of a programme without a duration, that its
     end was reported.

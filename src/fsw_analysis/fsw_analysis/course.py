@@ -39,8 +39,8 @@ class Course:
     """The weld from its programme's first report to its end: arrays (n,), NaN if unknown.
 
     ``values`` has the variables of a procedure and the set-points in force, `set_point_depth_mm`
-    and `set_point_temperature_c`; ``source`` is the commanding controller or mode, ``phase`` is empty
-    without a report of the programme.
+    and `set_point_temperature_c`; ``source`` is the commanding controller or mode, ``phase`` is
+    empty without a report of the programme.
     """
 
     time_s: FloatArray
@@ -316,8 +316,8 @@ def runs(outside: npt.NDArray[np.bool_]) -> list[slice]:
 def exceedances(course: Course, book: RuleBook) -> list[Exceedance]:
     """All exceedances of limits and permitted set-points, in the order of the checks.
 
-    A missing sample counts as outside. Ticks missing on all topics are gaps of the recording, which
-    are reported once and not for every limit.
+    A missing sample counts as outside. Ticks missing on all topics are gaps of the recording,
+    which are reported once and not for every limit.
     """
     return [exceedance for check in book.checks() for exceedance in _exceedances(course, check)]
 

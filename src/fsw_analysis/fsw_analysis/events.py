@@ -130,7 +130,7 @@ def of_actions(times_s: FloatArray, actions: Table) -> Iterator[WeldEvent]:
 
 
 def of_alarms(times_s: FloatArray, journal: Table) -> Iterator[WeldEvent]:
-    """Alarms that were raised, raised again, became worse or were shelved, from the alarm journal."""
+    """Alarms that were raised, raised again, got worse or were shelved, from the alarm journal."""
     fields = (*ALARM, *ALARM_CHANGE)
     for time_s, (priority, text, who, reason, kind, name, shelved_for_s) in _in_order(
         times_s, journal, *fields

@@ -66,7 +66,10 @@ def export_weld(signals: WeldSignals, target: Path) -> int:
 
 
 def write_table(table: Mapping[str, Column], target: Path) -> None:
-    """Write columns as CSV; a missing number is an empty cell, and numbers have all their digits."""
+    """Write columns as CSV.
+
+    A missing number is an empty cell, and numbers have all their digits.
+    """
     columns = [
         ["" if value != value else value for value in values.tolist()] for values in table.values()
     ]

@@ -133,7 +133,10 @@ def _save(figure: Figure, path: Path) -> None:
 
 
 def png(figure: Figure, dpi: float, beside: Path | None = None) -> bytes:
-    """A figure as PNG, for a page; also as the file ``beside`` the page, in the format of its name."""
+    """A figure as PNG, for a page.
+
+    Also as the file ``beside`` the page, in the format of its name.
+    """
     with BytesIO() as file:  # first: the layout of a figure that is drawn again differs
         figure.savefig(file, format="png", dpi=dpi, metadata=_METADATA["png"])
         drawn = file.getvalue()

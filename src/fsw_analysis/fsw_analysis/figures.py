@@ -396,7 +396,7 @@ def _mark_swaps(axes: Sequence[Axes], signals: WeldSignals) -> None:
 
 
 def _values(signals: WeldSignals, panel: _Panel) -> FloatArray | None:
-    """True values if the bag has them; the applied command for manipulated variables; else None."""
+    """True values if the bag has them; else applied commands of inputs, None of others."""
     if panel.is_input:
         command: FloatArray = getattr(signals, panel.quantity)
         return command
@@ -405,7 +405,10 @@ def _values(signals: WeldSignals, panel: _Panel) -> FloatArray | None:
 
 
 def _scale(axis: Axes, panel: _Panel, shown: list[FloatArray]) -> None:
-    """Scale to the data, but not so far that noise fills the axis; limits are drawn if they are near."""
+    """Scale to the data, but not so far that noise fills the axis.
+
+    Limits are drawn if they are near.
+    """
     known = (
         np.concatenate([values[np.isfinite(values)] for values in shown]) if shown else np.empty(0)
     )

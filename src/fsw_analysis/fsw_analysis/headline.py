@@ -21,7 +21,10 @@ _UNSEEN = "part of it not seen by this page"
 
 
 def page_account(account: Account, offset_s: float = 0.0, recorded: bool = True) -> dict[str, Any]:
-    """Headline and places on the unrolled canister, ready for JSON; ``offset_s``: to the page's clock."""
+    """Headline and places on the unrolled canister, ready for JSON.
+
+    ``offset_s``: to the page's clock; ``recorded``: gaps are of the record, not of this page.
+    """
     rule = account.deciding
     place, gaps = account.course.place, account.course.gaps
     marks = [

@@ -305,7 +305,7 @@ def _recording(
     evidence: Evidence,
     problems: Sequence[str],
 ) -> Rule:
-    """Over a gap nothing is shown to be inside: one that is longer than an essential limit may be left rejects."""
+    """Reject a gap longer than an essential limit may be left: nothing shows it to be inside."""
     faults = [Fact.of(FactCode.PROBLEM, problem=problem) for problem in problems]
     if evidence.lost is None:
         faults.append(Fact.of(FactCode.LOST_UNKNOWN))

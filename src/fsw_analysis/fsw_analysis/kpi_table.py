@@ -76,7 +76,9 @@ def _difference(first: float | None, second: float | None, factor: float, unit: 
 
 
 def markdown(runs: Sequence[dict[str, Any]]) -> str:
-    """Table with a row per figure of merit and a column per run; with two runs also their difference.
+    """Table with a row per figure of merit and a column per run.
+
+    With two runs also their difference.
 
     Solve times are left out: they are the machine's, not the weld's (``kpi.json`` has them).
     """

@@ -124,13 +124,15 @@ class WeldMessages:
             self.problems = list(reader.problems)
         for name, count in others.items():
             self.problems.append(
-                f"{name}: {count} messages of another type than {topics[name].type_name} are left out"
+                f"{name}: {count} messages of another type than "
+                f"{topics[name].type_name} are left out"
             )
         if repeated:
             self.problems.append(f"{path}: {repeated} messages are in the bag again and left out")
         if untimed:
             self.problems.append(
-                f"{path}: {untimed} messages have no receive time; their publish time stands for it"
+                f"{path}: {untimed} messages have no receive time; "
+                "their publish time stands for it"
             )
         self._definitions = Definitions()
         if not raw:
@@ -149,7 +151,7 @@ class WeldMessages:
         self._order()
 
     def _order(self) -> None:
-        """Order messages of each topic by receive times or, if the sensors' are wrong, publish times."""
+        """Order each topic's messages by receive time or, if that is wrong, publish time."""
         for messages in self.raw.values():
             messages.sort(key=itemgetter(0))
         sensors = [self.raw.get(topic, []) for topic in SENSOR_TOPICS.values()]
@@ -169,7 +171,7 @@ class WeldMessages:
                 messages.sort(key=itemgetter(0))
 
     def controllers(self, what: str) -> dict[str, str]:
-        """Topics of the controllers' messages of one kind (``proposal`` or ``status``), by the controller's name."""
+        """Topics of ``proposal`` or ``status`` messages, by the controller's name."""
         topic = re.compile(rf"/fsw/([^/]+)/{what}")
         return {match[1]: name for name in sorted(self.raw) if (match := topic.fullmatch(name))}
 

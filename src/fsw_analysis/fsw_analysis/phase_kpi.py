@@ -18,7 +18,7 @@ Span = tuple[str, float, float]
 
 @dataclass(frozen=True, slots=True)
 class ErrorStatistics:
-    """Of an error, actual minus set-point value: mean, standard deviation, smallest and largest."""
+    """Mean, standard deviation, smallest and largest of an error, actual minus set-point value."""
 
     mean: float
     sigma: float
@@ -90,7 +90,7 @@ def compute(signals: WeldSignals, label: str, spans: Sequence[Span]) -> list[Pha
 
 
 def recorded_spans(signals: WeldSignals) -> list[Span]:
-    """Name, begin and end [s] of the phases as they were, holds included; empty without a programme."""
+    """Name, begin and end [s] of the executed phases with holds; empty without a programme."""
     if not signals.phases:
         return []
     begins = [0.0, *(begin_s for _, begin_s in signals.phases[1:])]
@@ -116,7 +116,8 @@ def markdown(runs: Sequence[Sequence[PhaseFigures]]) -> str:
     for name, (cycles, error) in PUBLISHED.items():
         welds = f"published, {cycles} real weld{'s'[: cycles > 1]}"
         cells.append((welds, name, _words(error, 1.0, 1), "-", "-"))
-    return f"Errors against the programme: mean, σ, min, max.\n\n{table(cells, words=4, padded=True)}\n"
+    lines = table(cells, words=4, padded=True)
+    return f"Errors against the programme: mean, σ, min, max.\n\n{lines}\n"
 
 
 def _words(error: ErrorStatistics | None, factor: float, digits: int) -> str:

@@ -1,4 +1,4 @@
-"""The welding procedure specification: a rule book with what is welded, in which phases, by which controllers."""
+"""The welding procedure specification: a rule book for a part, its phases and controllers."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ class WeldData(Model):
 def weld_data_of(
     given: WeldData | None, custom: Mapping[str, str]
 ) -> tuple[WeldData | None, dict[str, str]]:
-    """Data of procedure and recorder together, and what of the recorder's is none of them, or invalid.
+    """Merge the data of procedure and recorder; also the recorder's unknown or invalid entries.
 
     Where both differ the procedure holds, which may be signed; what the recorder has is kept, too.
     """

@@ -94,7 +94,10 @@ def source(image: bytes) -> str:
 
 
 def labels(bags: Sequence[Path]) -> list[str]:
-    """Shortest path ends that distinguish the bags; a folder ``bag`` gets the name of its parent folder."""
+    """Shortest path ends that distinguish the bags.
+
+    A folder ``bag`` gets the name of its parent folder.
+    """
     named = [
         path.resolve().parent if path.resolve().name == "bag" else path.resolve() for path in bags
     ]

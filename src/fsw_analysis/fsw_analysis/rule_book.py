@@ -60,7 +60,8 @@ class SetPoint(Sourced):
     def _check_order(self) -> Self:
         if not self.min <= self.value <= self.max:
             raise ValueError(
-                f"is impossible: min {self.min:g}, value {self.value:g}, max {self.max:g} must ascend"
+                f"is impossible: min {self.min:g}, value {self.value:g}, "
+                f"max {self.max:g} must ascend"
             )
         return self
 
@@ -141,17 +142,22 @@ class Acceptance(Sourced):
     """Thresholds between accept, review and reject."""
 
     tolerated_s: Annotated[float, Range(0.0, 10.0, "s")]
-    """outside an essential limit for longer: reject, for less: review; outside a quality limit for longer: review"""
+    """outside an essential limit for longer: reject, for less: review; outside a quality limit for
+    longer: review"""
     tolerated_share: Annotated[float, Range(0.0, 1.0, "")] = 0.01
-    """outside a quality limit for a larger share of the time that it holds: review, however short each time (chosen)"""
+    """outside a quality limit for a larger share of the time that it holds: review, however short
+    each time (chosen)"""
     tolerated_total_s: Annotated[float, Range(0.0, 3600.0, "s")] | None = None
     """outside a quality limit for longer, all times together: review; left out: not judged"""
     tolerated_mm: Annotated[float, Range(0.0, 1e5, "mm")] | None = None
-    """outside a quality limit over more of the weld, all places together: review; left out: not judged"""
+    """outside a quality limit over more of the weld, all places together: review; left out: not
+    judged"""
     tolerated_hold_s: Annotated[float, Range(0.0, 3600.0, "s")] = 10.0
-    """programme held for longer, all times together: review; the tool then heats one place (chosen)"""
+    """programme held for longer, all times together: review; the tool then heats one place
+    (chosen)"""
     tolerated_unusable_s: Annotated[float, Range(0.0, 3600.0, "s")] = 10.0
-    """samples of a sensor missing, frozen, out of range or too fast for longer, all times together: reject (chosen)"""
+    """samples of a sensor missing, frozen, out of range or too fast for longer, all times
+    together: reject (chosen)"""
     swaps_allowed: bool = False
     """whether a swap to another permitted controller on request leaves the weld acceptable"""
 
@@ -197,7 +203,10 @@ class RuleBook(Model):
         for row, limit in enumerate(self.essential):
             point = points.get(limit.variable)
             if point is not None and not (limit.holds(point.min) and limit.holds(point.max)):
-                text = f"is impossible: set-points from {point.min:g} to {point.max:g} are permitted outside it"
+                text = (
+                    f"is impossible: set-points from {point.min:g} to {point.max:g} are "
+                    "permitted outside it"
+                )
                 raise problem(text, "essential", row)
         return self
 

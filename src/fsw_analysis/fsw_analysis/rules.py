@@ -75,7 +75,10 @@ class FactCode(Worded):
     NO_PROGRESS = f"phases, angles and positions along the weld {_ABSENT}"
     NO_DRIVES = f"force and speed as the drives measure them {_ABSENT}"
     NO_MONITOR = f"what a monitor would have found: none was recorded {_ABSENT}"
-    NO_ALARMS = f"whether there were alarms: the operator's page, which reports them, was not recorded {_ABSENT}"
+    NO_ALARMS = (
+        "whether there were alarms: the operator's page, which reports them, "
+        f"was not recorded {_ABSENT}"
+    )
     DAMAGE = "{problem}: what was there is not known"
     MACHINE_NOT_COMPARED = (
         "whether it was the machine of the procedure, {id}: none was given to the recorder"
@@ -198,7 +201,7 @@ class Rule(Model):
 
 
 def decide(rules: Sequence[Rule]) -> Rule:
-    """The first of the rules with the worst verdict; of an accepted weld, that all rules are kept."""
+    """First rule with the worst verdict; for an accepted weld, that all rules are kept."""
     deciding = max(rules, key=lambda rule: _ORDER.index(rule.verdict))
     if deciding.verdict is not Verdict.ACCEPT:
         return deciding

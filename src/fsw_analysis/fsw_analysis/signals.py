@@ -112,7 +112,7 @@ class _Ticks:
         return kind(**values, **more)
 
     def times_s(self, table: Table) -> FloatArray:
-        """When messages hold: from their stamp on, and from their receipt where it is 0 or of another clock."""
+        """When messages hold: from their stamp, or receipt if it is 0 or of another clock."""
         by_stamp = self.time_s[0] + (table.stamp_ns - self.stamp_ns[0]) * 1e-9
         order = np.argsort(self.log_ns, kind="stable")
         tick = np.clip(
@@ -207,7 +207,7 @@ def load_weld(path: Path | str, progress: Callable[[float], None] | None = None)
 
 
 def _sources(messages: WeldMessages, sensors: list[Table], others: list[Table]) -> list[Table]:
-    """The tables whose stamps are the ticks: the sensors' or, without any, others with a message per tick."""
+    """Tables whose stamps are the ticks: the sensors', else others with one per tick."""
     sources = [sensor for sensor in sensors if sensor] or [other for other in others if other]
     if not sources:
         needed = [SENSOR_TOPICS[name] for name in REQUIRED]
@@ -319,13 +319,16 @@ SENT, HELD, PLANNED = "/fsw/reference", "/fsw/supervisor/reference", "/fsw/refer
 #: time after which a new recorder has received the latched messages
 _JOINING_NS = 2 * NANOSECONDS
 UNKNOWN_ORDER = (
-    f"{SENT}: set-points were sent before the recording began, and this bag does not show in which order: "
-    "errors and figures of merit may refer to the wrong ones"
+    f"{SENT}: set-points were sent before the recording began, and this bag does not show in "
+    "which order: errors and figures of merit may refer to the wrong ones"
 )
 
 
 class SetPoint(NamedTuple):
-    """One message with set-points; times in ns, ``issued_ns`` is its publication or its place in the order."""
+    """One message with set-points.
+
+    Times in ns, ``issued_ns`` is its publication or its place in the order.
+    """
 
     log_ns: int
     issued_ns: int
@@ -340,7 +343,7 @@ class SetPoint(NamedTuple):
 
 
 def read_set_points(messages: WeldMessages, topic: str) -> list[SetPoint]:
-    """Valid set-points that were sent (``SENT``) or reported (``HELD``, or by a controller), in order of receipt."""
+    """Valid set-points that were sent (``SENT``) or reported, in order of receipt."""
     fields: dict[str, Kind] = {"depth": "number", "temperature": "number"}
     if topic != SENT:
         fields |= {"issued.sec": "number", "issued.nanosec": "number"}
@@ -378,8 +381,8 @@ def timeline(
 ) -> list[tuple[int, Reference]]:
     """Set-points with the stamp of the tick from which each holds, in order.
 
-    The rule is that of the nodes, `fsw_control.references.ReferenceQueue`. What was published before
-    the recording began counts from its first tick on.
+    The rule is that of the nodes, `fsw_control.references.ReferenceQueue`. What was published
+    before the recording began counts from its first tick on.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ class StatusSignals:
 
 @dataclass(slots=True)
 class DriveSignals:
-    """Inputs acting on the process as measured by the drives, with disturbances; NaN if missing."""
+    """Inputs that act, as the drives measured them, with disturbances; NaN if missing."""
 
     force_kn: FloatArray = field(metadata=of("axial_force", KN))
     speed_rpm: FloatArray = field(metadata=of("spindle_speed", RPM))
@@ -262,8 +262,8 @@ class WeldEvent:
     #: the phase, what the weld became, the controller, the mode, the interlock, what was asked
     #: for, what the alarm says, the procedure, what the monitor found or estimated, or the faults
     subject: str = ""
-    #: of an interlock ``warn``, ``trip`` or ``unknown``, of a request its outcome, of an alarm what became of
-    #: it
+    #: of an interlock ``warn``, ``trip`` or ``unknown``, of a request its outcome, of an alarm
+    #: what became of it
     state: str = ""
     is_over: bool = False  #: an interlock or fault ends
     cause: Cause = Cause.UNKNOWN  #: of a swap or a mode

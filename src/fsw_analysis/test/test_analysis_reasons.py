@@ -1,4 +1,7 @@
-"""Reasons of recorded commands: of today's messages by their code, of older bags by their words."""
+"""Reasons of recorded commands.
+
+Of today's messages by their code, of older bags by their words.
+"""
 
 from __future__ import annotations
 

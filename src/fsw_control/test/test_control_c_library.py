@@ -1,4 +1,7 @@
-"""Libraries in C: when one is built, found and taken; their structs and constants as the header has them."""
+"""Libraries in C: when one is built, found and taken.
+
+Their structs and constants as the header has them.
+"""
 
 import os
 

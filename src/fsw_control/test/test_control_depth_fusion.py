@@ -1,4 +1,7 @@
-"""Fusion of the depth channels: faults are named and do no harm, and what it cannot know it says."""
+"""Fusion of the depth channels.
+
+Faults are named and do no harm, and what it cannot know it says.
+"""
 
 import math
 from itertools import product
@@ -186,7 +189,10 @@ def test_two_channels_excluded_in_turn_leave_no_error(wrong):
 
 
 def test_a_bank_that_begins_again_still_knows_the_edges():
-    """The one below the tool, and the one that has passed: the axial position shows it for good."""
+    """The one below the tool, and the one that has passed.
+
+    The axial position shows it for good.
+    """
     bank = DepthBank(DepthFusionSettings(), CHANNELS)
     bank.start(2.7)
     for slot, height_mm in enumerate((0.1, 0.2)):
@@ -338,7 +344,10 @@ def test_a_channel_that_falls_silent_while_it_is_watched_is_missing():
 
 @pytest.mark.parametrize("slow", [False, True])
 def test_a_jump_keeps_its_height_and_a_slow_step_may_grow(slow):
-    """At the tool, the others shift by the height that the laser showed at first: of a jump only."""
+    """At the tool, the others shift by the height that the laser showed at first.
+
+    Of a jump only.
+    """
     bank, edges = DepthBank(DepthFusionSettings(), CHANNELS), SurfaceEdges(CHANNELS)
     usable = np.array([name != "laser" for name in ALL])
     edges.move(0.0)

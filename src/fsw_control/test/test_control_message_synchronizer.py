@@ -392,7 +392,10 @@ def test_sample_older_than_two_waiting_ticks_is_late():
 
 
 def feed(stamps_ns):
-    """Offer a sample of each sensor every 0.1 s; the stamps that began a tick, with the time on the steady clock."""
+    """Offer a sample of each sensor every 0.1 s.
+
+    The stamps that began a tick, with the time on the steady clock.
+    """
     stamps, begun = StampFilter(), []
     for count, stamp_ns in enumerate(stamps_ns):
         for sensor in REQUIRED:
@@ -434,7 +437,10 @@ def test_late_samples_of_a_tick_before_a_step_of_the_clock_do_not_begin_it_again
 
 @st.composite
 def disturbed_streams(draw):
-    """Samples as (arrival, source, stamp): the clock steps, samples are late or come twice, topics keep their order."""
+    """Samples as (arrival, source, stamp).
+
+    The clock steps, samples are late or come twice, topics keep their order.
+    """
     clock_ns, samples = 10**15, []
     ready_s = dict.fromkeys((*REQUIRED, "drives"), 0.0)
     for count in range(draw(st.integers(20, 60))):
@@ -503,7 +509,10 @@ def test_a_sensor_that_lags_behind_does_not_set_time_back_while_the_plant_is_hel
 
 
 def test_lagging_sensor_does_not_set_lockstep_time_back():
-    """However long the plant waits for each tick; the late sample may come before the newer ones."""
+    """However long the plant waits for each tick.
+
+    The late sample may come before the newer ones.
+    """
     stamps = StampFilter(lockstep=True)
     for k in range(1, 30):
         now_s = 2.5 * k

@@ -274,7 +274,10 @@ def test_second_interrupt_breaks_a_callback_that_does_not_return(domain_id):
         ended = threading.Event()
 
         def insist():
-            """A second after the first one, as the node has seen it: on a busy machine it sees that late."""
+            """A second after the first one, as the node has seen it.
+
+            On a busy machine it sees that late.
+            """
             while not ended.wait(1.2):
                 process.send_signal(signal.SIGINT)
 

@@ -1,4 +1,7 @@
-"""Reasons of commands: in words from one table, and as the messages number them; so are requests and alarms."""
+"""Reasons of commands: in words from one table, and as the messages number them.
+
+So are requests and alarms.
+"""
 
 from __future__ import annotations
 

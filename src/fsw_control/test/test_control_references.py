@@ -35,7 +35,10 @@ def test_past_stamps_begin_at_once_and_those_of_another_clock_are_refused():
 
 
 def test_real_time_horizon_rejects_stamps_an_hour_ahead():
-    """A sender whose clock is an hour ahead, and who stamps with it: in force in an hour, and told that it is sent."""
+    """A sender whose clock is an hour ahead, and who stamps with it.
+
+    In force in an hour, and told that it is sent.
+    """
     listener = Listener(AHEAD_REAL_NS)
     assert listener.hear(0.0, REFERENCE, stamp_s=0.0)
     assert not listener.hear(20.0, OTHER, stamp_s=3620.0)
@@ -86,7 +89,10 @@ def test_last_received_wins_despite_clock_offsets():
 
 @pytest.mark.requirement("S21")
 def test_standby_orders_set_points_by_publication_time():
-    """All others heard the newer one last and follow it; at takeover they would follow the standby."""
+    """All others heard the newer one last and follow it.
+
+    At takeover they would follow the standby.
+    """
     follower, standby = Listener(), Listener()
     standby.queue.decides = False
     follower.hear(0.0, REFERENCE)
@@ -170,7 +176,10 @@ def test_new_listener_reports_rejections_of_a_slow_clock():
     )
 )
 def test_new_listener_rejects_void_set_points(sent):
-    """Of those accepted the last one comes to hold; whoever sent less than 5 s ago, by all clocks, is told."""
+    """Of those accepted the last one comes to hold.
+
+    Whoever sent less than 5 s ago, by all clocks, is told.
+    """
     listener, tick, held = Listener(AHEAD_REAL_NS, began_s=0.0), 0, []
     last = None
     for number, (ticks, clock_s, ahead_ticks) in enumerate(sent):
@@ -198,7 +207,10 @@ _senders = st.sampled_from([-4000.0, -4.0, -1.0, 0.0, 1.0, 4.0, 4000.0])
     )
 )
 def test_every_set_point_holds_or_is_replaced_or_is_refused_with_a_report(sent):
-    """Whatever the clocks: an accepted one holds from its time on, until the next accepted one does."""
+    """Whatever the clocks.
+
+    An accepted one holds from its time on, until the next accepted one does.
+    """
     listener, at_s = Listener(AHEAD_REAL_NS), 0.0
     accepted: list[tuple[float, Reference]] = []
     for number, (wait_s, clock_s, ahead_s) in enumerate(sent):

@@ -7,7 +7,10 @@ from fsw_control.topics_ros import STREAM, display_publisher
 
 
 class Overridden:
-    """A node with overriding parameters, as rclpy takes them: they are written into the given profile."""
+    """A node with overriding parameters, as rclpy takes them.
+
+    They are written into the given profile.
+    """
 
     def create_publisher(
         self, kind: type, topic: str, profile: QoSProfile, qos_overriding_options: object

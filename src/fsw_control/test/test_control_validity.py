@@ -366,7 +366,10 @@ def test_a_jump_begins_to_be_counted_anew_after_good_samples():
 
 @pytest.mark.parametrize("between", [1.0, None, math.nan, 7.0])
 def test_samples_agree_only_in_a_row(between):
-    """A spike, a sample that is good or none, and the same spike: it is as if the first had not been."""
+    """A spike, a sample that is good or none, and the same spike.
+
+    It is as if the first had not been.
+    """
     sensor = SensorValidity(replace(LIMITS, max_rate=2.0, hold_s=10.0))
     readings = feed(sensor, [1.0, 5.0, 5.0, between, 5.0, 5.0, 5.0])
     assert [reading.value for reading in readings] == [1.0] * 6 + [5.0]

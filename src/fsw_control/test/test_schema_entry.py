@@ -40,7 +40,10 @@ def test_a_program_is_called_or_ends_quietly_while_it_is_imported(tmp_path, word
     (tmp_path / "slow" / "node.py").write_text(SLOW)
     path = [str(tmp_path), *filter(None, sys.path)]
     # as the scripts do that setuptools makes of entry points
-    code = f"import sys; sys.path[:] = {path!r}; from fsw_control.schema.entry import slow; sys.exit(slow.node.main())"
+    code = (
+        f"import sys; sys.path[:] = {path!r}; from fsw_control.schema.entry import slow; "
+        "sys.exit(slow.node.main())"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code, *words], capture_output=True, text=True, timeout=60
     )

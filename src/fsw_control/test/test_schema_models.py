@@ -109,7 +109,8 @@ def test_valid_content_is_accepted():
         ),
         (
             "{name: a, marks: [{kind: bump, height_mm: 2, hight_mm: 2}]}",
-            "marks[0].hight_mm is an unknown key; did you mean height_mm? known: kind, height_mm, low_mm",
+            "marks[0].hight_mm is an unknown key; "
+            "did you mean height_mm? known: kind, height_mm, low_mm",
         ),
         (
             "{name: a, 1: 2}",
@@ -121,7 +122,8 @@ def test_valid_content_is_accepted():
         ),
         (
             "name:\n\ta",
-            "part.yaml, line 2, column 1: not valid YAML: found character that cannot start any token",
+            "part.yaml, line 2, column 1: not valid YAML: found character that "
+            "cannot start any token",
         ),
         ("[" * 900, "part.yaml, line 1, column 51: not valid YAML: nested deeper than 50 levels"),
         (

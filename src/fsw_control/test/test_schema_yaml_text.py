@@ -1,4 +1,7 @@
-"""Bounds of YAML and JSON: whatever is written, the answer is content within the bounds, or one line."""
+"""Bounds of YAML and JSON.
+
+Whatever is written, the answer is content within the bounds, or one line.
+"""
 
 import json
 
@@ -127,7 +130,8 @@ def one_line(read, text: str) -> str:
         (merge_bomb(9), "values with those of aliases; write less"),
         (
             bomb(9),
-            "line 6, column 10: not valid YAML: more than 100000 values with those of aliases; write less",
+            "line 6, column 10: not valid YAML: more than 100000 values with those of aliases; "
+            "write less",
         ),
         ("a: &a {b: *a}", "alias *a is part of what it stands for; write the value out"),
         ("a: *b", "found undefined alias"),

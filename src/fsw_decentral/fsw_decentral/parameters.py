@@ -42,7 +42,10 @@ _WITH_GAINS: Any = create_model("DecentralGains", __base__=_Tuning, **numbers(_G
 
 
 class DecentralParameters(_WITH_GAINS):  # type: ignore[misc]
-    """Parameters of the decentralized controller. A negative gain stands for that of the tuning."""
+    """Parameters of the decentralized controller.
+
+    A negative gain stands for that of the tuning.
+    """
 
     friction: Friction = Friction()
     spindle_inertia: Annotated[float, Range(0.0, 100.0, "kg m2")] = 2.0

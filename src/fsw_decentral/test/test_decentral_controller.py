@@ -117,7 +117,10 @@ def test_tight_is_faster_than_conservative():
 @pytest.mark.requirement("S12")
 @pytest.mark.parametrize("tuning", tunings())
 def test_unselected_it_follows_and_takes_over_without_a_bump(tuning):
-    """Another one holds shifted inputs; the first own moves are small, and it leads back to the reference."""
+    """Another one holds shifted inputs.
+
+    The first own moves are small, and it leads back to the reference.
+    """
     other = Command(78.6, 409.0)
     controller = DecentralController({"tuning": tuning})
     rows = closed_loop(
@@ -154,7 +157,10 @@ def test_saturation_does_not_wind_up(tuning):
 
 @pytest.mark.parametrize("tuning", tunings())
 def test_a_speed_at_its_bound_does_not_wind_up(tuning):
-    """A temperature out of reach for a minute; the speed leaves the bound as soon as the set-point is back."""
+    """A temperature out of reach for a minute.
+
+    The speed leaves the bound as soon as the set-point is back.
+    """
     hot = Reference(DEPTH_MM, TEMPERATURE_C + 20.0)
     controller = DecentralController({"tuning": tuning, "speed_max": SPEED_RPM + 2.0})
     rows = closed_loop(controller, lambda t: hot if 1.0 <= t < 61.0 else REFERENCE, 180)
@@ -170,7 +176,10 @@ def test_a_speed_at_its_bound_does_not_wind_up(tuning):
 def test_the_power_loop_makes_up_for_energy_that_the_move_limit_has_cost(
     tracking_s, least_kj, most_kj
 ):
-    """The torque drops by a fifth at once, the speed follows with 3 rpm per tick; a short tracking time forgets."""
+    """The torque drops by a fifth at once, the speed follows with 3 rpm per tick.
+
+    A short tracking time forgets.
+    """
     power_loop = {
         "power_gain": 2.0,
         "power_integral_time": 0.3,

@@ -1,4 +1,7 @@
-"""Smith predictor and decoupling: against plain references, and without effect where they are not asked for."""
+"""Smith predictor and decoupling.
+
+Against plain references, and without effect where they are not asked for.
+"""
 
 import math
 

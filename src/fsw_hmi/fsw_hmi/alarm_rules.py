@@ -68,7 +68,10 @@ NO_REASON = "no reason is told"
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Diagnostics of a part: ``ok``, ``warn``, ``error`` or ``stale``; a machine's say whether it permits commands."""
+    """Diagnostics of a part: ``ok``, ``warn``, ``error`` or ``stale``.
+
+    A machine's say whether it permits commands.
+    """
 
     level: str
     text: str
@@ -155,7 +158,7 @@ class AlarmRules:
         return self._unexpected(now, alarms)
 
     def _unexpected(self, now: Situation, alarms: dict[str, Alarm]) -> dict[str, Alarm]:
-        """Alarms without those that the present state of the weld explains (ISA-18.2, suppressed by design)."""
+        """Alarms that the state of the weld does not explain (ISA-18.2, suppressed by design)."""
         stopped = now.state if now.state and now.state["actual_mode"] == "safe_stop" else None
         expected, earlier = frozenset[str](), self._before_stop
         if now.programme == DONE and not self._measures(now):
@@ -173,7 +176,7 @@ class AlarmRules:
         }
 
     def reach(self, now: Situation, alarms: Mapping[str, Alarm]) -> dict[str, Any]:
-        """Whether commands reach the machine, for the page: ``ok`` None where it is not known, and a text."""
+        """Whether commands reach the machine, for the page: ``ok`` (None: unknown) and a text."""
         for name in ("machine", "measurements", "supervisor", "foreign"):
             if name in alarms:
                 return {"ok": False, "text": alarms[name].text}
@@ -243,7 +246,10 @@ class AlarmRules:
     def _mode(
         self, now: Situation, state: Mapping[str, Any], alarms: dict[str, Alarm]
     ) -> str | None:
-        """Who or what commands; returns the controller that another one stands in for: one alarm for one cause."""
+        """Who or what commands.
+
+        Returns the controller that another one stands in for: one alarm for one cause.
+        """
         mode, target_mode = state["actual_mode"], state["target_mode"]
         actual, target = state["actual_controller"], state["target_controller"]
         why = state["reason"] or NO_REASON
@@ -268,7 +274,7 @@ class AlarmRules:
     def _failover(
         self, actual: str, target: str, why: str, alarms: dict[str, Alarm]
     ) -> str | None:
-        """Somebody commands in place of whom was selected; one selected just now may need its time."""
+        """Another controller commands than the selected one, which may need time at first."""
         if actual == self._nominal:
             why = "it was asked for, and is not ready"
             failover = alarm("failover", actual=actual, target=target, why=why)
@@ -289,7 +295,7 @@ class AlarmRules:
             alarms["programme"] = alarm("programme")
 
     def _values(self, now: Situation, alarms: dict[str, Alarm]) -> None:
-        """Of each value the worst limit of the weld that it is outside of, and a drive off its command."""
+        """For each value the worst limit that it violates, and a drive off its command."""
         for quantity, flags in now.outside.items() if self._measures(now) else ():
             # an interlock on the same quantity says more, but not while no supervisor is heard
             of_quantity = f"interlock:{quantity.partition('_')[0]}"
@@ -318,7 +324,7 @@ class AlarmRules:
     # ---------------------------------------------------------------- the nodes
 
     def _parts(self, now: Situation, now_s: float, alarms: dict[str, Alarm]) -> None:
-        """Errors of parts, one alarm for each node, and nodes of which no part reports any longer."""
+        """Errors of parts, one alarm for each node, and nodes that no longer report."""
         known = {health["name"] for health in now.state["controllers"]} if now.state else set()
         told = [node for name, nodes in _TOLD.items() if name in alarms for node in nodes]
         failed = [name for name in known if f"controller:{name}" in alarms]
@@ -355,14 +361,17 @@ class AlarmRules:
 
 
 def next_in_stop(now: Situation, state: Mapping[str, Any]) -> str:
-    """Code of what to do in a safe stop: an aborted weld is not continued, only the next one begun."""
+    """Code of what to do in a safe stop; an aborted weld is not continued."""
     if not state["acknowledged"]:
         return "retract_and_acknowledge"
     return "clear_machine" if now.programme in OVER else "choose_auto"
 
 
 def standby_ready(parts: Mapping[str, Mapping[str, Part]]) -> bool:
-    """Whether a supervisor reports that it stands by, ready to lead; ``parts`` by node and part."""
+    """Whether a supervisor reports that it stands by, ready to lead.
+
+    ``parts`` by node and part.
+    """
     return any(
         of_node["standby"].level == "ok" for of_node in parts.values() if "standby" in of_node
     )
@@ -384,7 +393,7 @@ def _channels(channels: Mapping[str, ChannelHealth], alarms: dict[str, Alarm]) -
 
 
 def _machine(now: Situation, alarms: dict[str, Alarm]) -> None:
-    """What a gateway reports of the machine behind it, and a plant of commands that do not come."""
+    """Reports of a gateway about its machine, and of a plant about missing commands."""
     for parts in now.parts.values():
         gate = parts.get("machine")
         if gate is None or gate.level == "stale":

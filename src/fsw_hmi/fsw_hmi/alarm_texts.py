@@ -44,7 +44,10 @@ ACTIONS, NEXT_OF_BAG = TEXTS.actions, TEXTS.next_of_bag
 
 
 def alarm(kind: str, cause: object = "", /, **values: object) -> Alarm:
-    """An alarm of a kind, with ``values`` in its texts; ``cause`` is a code where there are several."""
+    """An alarm of a kind, with ``values`` in its texts.
+
+    ``cause`` is a code where there are several.
+    """
     text = TEXTS.kinds[kind]
     parts = {key: getattr(text, key).format(**values) for key in ("what", "why", "action")}
     advice = ACTIONS[parts["action"]].format(**values)

@@ -15,7 +15,8 @@ from fsw_hmi.answers import Answer, Code
 
 Priority = Literal["high", "medium", "low"]
 RANK = {"high": 0, "medium": 1, "low": 2}
-#: chosen, after the usual definition of a flood: more new ones of a group in this time are one alarm
+#: chosen, after the usual definition of a flood: more new ones of a group in this time are one
+#: alarm
 _FLOOD, _FLOOD_S = 10, 10.0
 FLOOD_ID = "flood:"
 STOP_ID = "safe_stop"
@@ -96,7 +97,7 @@ class Entry:
 
 
 def _group(name: str, alarm: Alarm) -> str:
-    """With which others an alarm is grouped in a flood: low ones are one group, others never hide another kind."""
+    """Group of an alarm in a flood: low ones are one group, others never hide another kind."""
     return "low" if alarm.priority == "low" else f"{alarm.priority}:{name.partition(':')[0]}"
 
 
@@ -255,7 +256,7 @@ class AlarmList:
         return count
 
     def waiting(self, up_to: int) -> list[str]:
-        """Alarms to be acknowledged that were raised before a person has seen the list, by its newest number."""
+        """Unacknowledged alarms raised before a person has seen the list, by its newest number."""
         seen = {name: entry.state for name, entry in self.entries.items() if entry.newest <= up_to}
         return [name for name, state in seen.items() if state in ("active", "cleared")]
 
@@ -294,7 +295,7 @@ class AlarmList:
     # ---------------------------------------------------------------- for the page
 
     def rows(self, now_s: float, wall_s: float) -> list[dict[str, Any]]:
-        """The list: by state, the unacknowledged first, then by priority, then in the order of raising.
+        """The list: unacknowledged first, then by priority, then in the order of raising.
 
         What to do in a stop stands with the stop, so that it comes before what led to it.
         """

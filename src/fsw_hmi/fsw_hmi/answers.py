@@ -1,4 +1,4 @@
-"""Answers to requests of the page, and notes about control: codes, and the one table of their words."""
+"""Codes of answers to the page's requests and of notes about control, with their texts."""
 
 from __future__ import annotations
 

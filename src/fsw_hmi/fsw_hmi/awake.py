@@ -1,4 +1,4 @@
-"""Ages without the time in which this process itself stood still: its own lateness is no fault of the process."""
+"""Ages without the time in which this process itself stood still: only others' delays count."""
 
 from __future__ import annotations
 

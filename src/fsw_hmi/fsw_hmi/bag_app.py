@@ -44,7 +44,10 @@ def serve(
     allow_hosts: Sequence[str],
     tls: tuple[str, str],
 ) -> int:
-    """Serve the page on bags until Ctrl-C; returns the exit code. None: the live page's default."""
+    """Serve the page on bags until Ctrl-C; returns the exit code.
+
+    None: the live page's default.
+    """
     standard = defaults(HmiParameters)
     host, port = host or standard["host"], standard["port"] if port is None else port
     try:

@@ -225,9 +225,9 @@ class ControlRoom:
     def next_login(self) -> Session | None:
         """The open page whose password is to be checked next; None if none waits.
 
-        Alternates between the oldest waiting login, so that nobody waits for ever, and the one with
-        the fewest failed attempts, by client, then page. Of clients without a failed one the newest
-        login comes first, as it may be that of an operator among many that begin to guess.
+        Alternates between the oldest waiting login, so that nobody waits for ever, and the one
+        with the fewest failed attempts, by client, then page. Of clients without a failed one the
+        newest login comes first, as it may be that of an operator among many that begin to guess.
         """
         waiting = sorted(
             (session.login.asked_s, place, session)
@@ -250,7 +250,10 @@ class ControlRoom:
         return self._users.check(login.name, login.password) if login else ""
 
     def on_checked(self, session: Session, user: str | None, now_s: float) -> Order:
-        """Judge a login whose password is ``user``'s, nobody's if empty; None: it could not be checked."""
+        """Judge a login whose password is ``user``'s, nobody's if empty.
+
+        None: it could not be checked.
+        """
         login, session.login = session.login, None
         self._longest_first = not self._longest_first
         assert login is not None

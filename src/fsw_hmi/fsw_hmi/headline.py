@@ -69,7 +69,7 @@ def headline(
 
 
 def _worst(now: Situation, alarms: Alarms, weld: dict[str, str] | None) -> dict[str, str]:
-    """What is worst; ``weld`` is the judgement so far, None if it is good, or the end of the weld."""
+    """The worst state; ``weld`` is the judgement so far (None: good), or the end of the weld."""
     silent = now.tick_age_s is None or now.tick_age_s > TICK_AGE_S
     if now.programme == DONE and silent and weld is not None:
         return _urgent(alarms) or weld

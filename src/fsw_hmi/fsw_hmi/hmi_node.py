@@ -72,7 +72,9 @@ _MOST_ACTIONS = 50
 
 
 class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types everywhere
-    """Serves the page in a thread of its own; everything that touches the graph happens in the executor's thread.
+    """Serves the page in a thread of its own.
+
+    Everything that touches the graph happens in the executor's thread.
 
     Orders come over by a queue and a guard condition; frames go back by calls in the server's
     loop.
@@ -164,7 +166,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._web.call(partial(self._page.tick, text, shown, now_s))
 
     def _show(self, kind: str, content: Mapping[str, Any], of: str = "") -> None:
-        """Send a frame to all pages, in place of the one of its kind before, or of its kind and what it is of."""
+        """Send a frame to all pages; it replaces the earlier one of its kind and subject."""
         self._web.call(partial(self._page.show, f"{kind} {of}".rstrip(), frame(kind, content)))
 
     def _show_headline(self) -> None:
@@ -264,7 +266,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
 
 
 def book_of(file: str) -> RuleBook:
-    """By what the weld is judged; InputError if the procedure cannot be used, or was changed after it was signed."""
+    """Judge of the weld; InputError if the procedure is unusable or changed after signing."""
     if not file:
         return default()
     signer_of(Path(file), Purpose.PROCEDURE, None)

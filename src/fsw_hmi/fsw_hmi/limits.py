@@ -176,7 +176,9 @@ def outside(
     book: RuleBook,
     limits: Mapping[str, Mapping[str, Any]],
 ) -> list[dict[str, list[Flag]]]:
-    """Violations of each quantity at each moment, the worst first: level, words, and the limit; empty if none.
+    """Violations of each quantity at each moment, the worst first: level, words, and the limit.
+
+    Empty if none.
 
     Parameters
     ----------

@@ -68,7 +68,8 @@ class LiveWeld:
         """Take a tick, with whose command answered it."""
         stamp_ns, values = row.stamp_ns, dict(zip(COLUMNS[1:], row.values, strict=True))
         first, self._first = self._first, False
-        # the page subscribes to the sensors when it hears the first tick, whose samples it may miss
+        # the page subscribes to the sensors when it hears the first tick, whose samples it may
+        # miss
         if first and any(isnan(values[SENSORS[name].signal]) for name in REQUIRED):
             return
         progress: Mapping[str, Any] = self._progress or {}

@@ -25,8 +25,8 @@ def parser() -> argparse.ArgumentParser:
     """The command line."""
     whole = argparse.ArgumentParser(
         prog="run_hmi.py",
-        description="Serve the operator's page of the weld that runs, or with --bag of welds that were recorded. "
-        "Further parameters of the node go after --ros-args.",
+        description="Serve the operator's page of the weld that runs, or with --bag of welds that "
+        "were recorded. Further parameters of the node go after --ros-args.",
     )
     specs = describe(HmiParameters)
     kinds: dict[str, dict[str, Any]] = {"port": {"type": int}, "allow_hosts": {"action": "append"}}

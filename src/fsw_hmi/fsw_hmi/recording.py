@@ -128,7 +128,10 @@ class Recording:
 
 
 def _is_complete(bag: str) -> bool:
-    """Whether a bag has its metadata; a path of others may be too long, odd or not ours to read."""
+    """Whether a bag has its metadata.
+
+    A path of others may be too long, odd or not ours to read.
+    """
     with suppress(OSError, ValueError):
         return bool(bag) and (Path(bag) / METADATA_NAME).is_file()
     return False

@@ -50,7 +50,10 @@ class SetReference(Action):
     ramp: bool = False
 
     def __str__(self) -> str:
-        return f"set-points {self.depth_mm:g} mm, {self.temperature_c:g} °C{', ramp' if self.ramp else ''}"
+        return (
+            f"set-points {self.depth_mm:g} mm, {self.temperature_c:g} "
+            f"°C{', ramp' if self.ramp else ''}"
+        )
 
 
 class Switch(Action):

@@ -51,7 +51,8 @@ def _checked_hash(text: str) -> str:
         extract_parameters(text)
     except ValueError:
         raise ValueError(
-            "is no hash of Argon2: delete the file and add its users again by 'fsw.py hmi user add'"
+            "is no hash of Argon2: delete the file and add its users again by "
+            "'fsw.py hmi user add'"
         ) from None
     return text
 
@@ -131,7 +132,8 @@ def new_user(name: str, password: str) -> User:
     """
     if not SHORTEST <= len(password) <= LONGEST or not password.isprintable():
         raise InputError(
-            f"the password must have {SHORTEST} to {LONGEST} characters, none of them a control character"
+            f"the password must have {SHORTEST} to {LONGEST} characters, "
+            "none of them a control character"
         )
     if password.casefold() == name.casefold():
         raise InputError("the password must not be the name")

@@ -237,12 +237,15 @@ class Watch:
         return min(reports, key=lambda part: part.level == "stale", default=Part("", ""))
 
     def _is_full(self, node: str) -> bool:
-        """Whether no more parts are kept; a flood of others leaves this software's own nodes their room."""
+        """Whether the table of parts is full.
+
+        A flood of others leaves the own nodes their room.
+        """
         own = node.startswith("fsw_")
         return sum(name.startswith("fsw_") == own for name, _ in self._parts) >= _MOST_PARTS
 
     def state_frame(self) -> dict[str, Any]:
-        """Content of the frame ``state``; not ``known`` is a state of a supervisor that is silent."""
+        """Content of the frame ``state``; ``known`` is false if the supervisor is silent."""
         return {
             "known": self.awake.age_s(self.state_s, time.monotonic()) <= NO_REPORT_S,
             "known_heat_share": short(self._known_heat_share),

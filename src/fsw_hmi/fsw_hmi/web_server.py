@@ -32,7 +32,8 @@ _SEND_BUFFER_BYTES = 65536
 #: connections that wait in the kernel, all of which the loop accepts at once: a flood of new ones
 #: must not delay a safe stop (measured: 1.0 s with uvicorn's 2048, 0.11 s with this)
 _BACKLOG = 32
-#: after which a page that takes nothing is given up (chosen), and for the end of the server's thread
+#: after which a page that takes nothing is given up (chosen), and for the end of the server's
+#: thread
 _PATIENCE_S, _END_S = 10.0, 5.0
 
 

@@ -34,7 +34,10 @@ def cheap_hashes():
 
 
 class Server:
-    """A server whose orders are kept in a queue; patient unless a test says otherwise: a machine may stand still."""
+    """A server whose orders are kept in a queue.
+
+    Patient unless a test says otherwise: a machine may stand still.
+    """
 
     def __init__(self, folder, **options):
         self.files = PageFiles("live", folder)
@@ -96,7 +99,7 @@ def make_server(folder):
     yield make
     for server in servers:
         server.thread.stop()
-        wait_until(lambda one=server: not one.thread.alive, "the server's end")
+        wait_until(lambda stopped=server: not stopped.thread.alive, "the server's end")
 
 
 @pytest.fixture

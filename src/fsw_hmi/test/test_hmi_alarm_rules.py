@@ -35,9 +35,9 @@ def rules():
 
 
 def test_every_alarm_has_one_cause_one_consequence_and_one_action():
-    for one in TEXTS.kinds.values():
-        assert one.text and one.consequence and one.action
-        assert one.priority in RANK
+    for kind in TEXTS.kinds.values():
+        assert kind.text and kind.consequence and kind.action
+        assert kind.priority in RANK
 
 
 @pytest.mark.requirement("S17")
@@ -202,8 +202,8 @@ def test_no_alarm_in_a_good_weld(rules):
 )
 def test_alarm_of_a_situation(rules, changed, name, priority):
     present = rules.present(situation(**changed), 0.0)
-    assert {name: one.priority for name, one in present.items()} == {name: priority}
-    assert all(one.text and one.consequence and one.advice for one in present.values())
+    assert {name: alarm.priority for name, alarm in present.items()} == {name: priority}
+    assert all(alarm.text and alarm.consequence and alarm.advice for alarm in present.values())
 
 
 @pytest.mark.parametrize(
@@ -234,23 +234,23 @@ def test_no_alarm_of_what_is_wanted_or_told_otherwise(rules, changed):
 
 
 def test_failover_tells_why_the_selected_controller_was_left_whatever_happens_then(rules):
-    def told(**changed):
-        found = rules.present(situation(state=state(**changed)), 0.0).get("failover")
-        return found and (found.what.split()[0], found.what.split()[-1], found.why)
+    def failover(**changed):
+        alarm = rules.present(situation(state=state(**changed)), 0.0).get("failover")
+        return alarm and (alarm.what.split()[0], alarm.what.split()[-1], alarm.why)
 
     first = ("decentral", "nmpc", "late")
     late, jump = (
         controller(inhibited=True, why="late"),
         controller("decentral", inhibited=True, why="jump"),
     )
-    assert told(actual_controller="decentral", controllers=[late]) == first
-    told(actual_mode="hold", actual_controller="", controllers=[late, jump])
+    assert failover(actual_controller="decentral", controllers=[late]) == first
+    failover(actual_mode="hold", actual_controller="", controllers=[late, jump])
     others = {
         "actual_controller": "other",
         "controllers": [controller(why="2 of 5 good proposals in a row"), jump],
     }
-    assert told(**others) == ("other", "nmpc", "late")
-    assert told() is None
+    assert failover(**others) == ("other", "nmpc", "late")
+    assert failover() is None
 
 
 def test_failover_at_the_start_tells_what_the_selected_controller_lacks_not_that_the_other_is_there(
@@ -260,47 +260,47 @@ def test_failover_at_the_start_tells_what_the_selected_controller_lacks_not_that
     begun = state(
         actual_controller="decentral", reason="decentral is configured", controllers=[waiting]
     )
-    found = rules.present(situation(state=begun), 0.0)
-    assert found["failover"].why == waiting["why"]
+    alarms = rules.present(situation(state=begun), 0.0)
+    assert alarms["failover"].why == waiting["why"]
 
 
 def test_a_swap_that_is_asked_for_is_an_alarm_only_when_it_does_not_come(rules):
     listed = AlarmList(lambda count: Alarm("", "", "", "low"))
 
-    def told(now_s, **changed):
+    def texts(now_s, **changed):
         listed.update(rules.present(situation(state=state(**changed)), now_s), now_s)
-        return [one.alarm.text for one in listed.entries.values()]
+        return [entry.alarm.text for entry in listed.entries.values()]
 
     waits = {
         "target_controller": "decentral",
         "reason": "nmpc is configured to start with",
         "cause": Cause.READY,
     }
-    assert told(0.0) == told(1.0, **waits) == told(11.0, **waits) == []
+    assert texts(0.0) == texts(1.0, **waits) == texts(11.0, **waits) == []
     assert (
-        told(12.0, actual_controller="decentral", target_controller="decentral")
-        == told(13.0)
+        texts(12.0, actual_controller="decentral", target_controller="decentral")
+        == texts(13.0)
         == []
     )
-    assert told(20.0, **waits) == []
+    assert texts(20.0, **waits) == []
     late = ["nmpc commands instead of decentral: it was asked for, and is not ready"]
-    assert told(33.0, **waits) == late
-    assert told(40.0) == told(42.0) == late, "until it is acknowledged"
+    assert texts(33.0, **waits) == late
+    assert texts(40.0) == texts(42.0) == late, "until it is acknowledged"
     listed.acknowledge(["failover"], "Anna")
     late = controller(inhibited=True, why="late")
-    [text] = told(43.0, actual_controller="other", controllers=[late])
+    [text] = texts(43.0, actual_controller="other", controllers=[late])
     assert "other" in text and text.endswith("nmpc: late")
 
 
 def test_alarm_of_a_sensor_tells_what_it_began_with(rules):
-    def told(reason):
-        found = rules.present(situation(sensor_states={"depth": reason}), 0.0).get("sensor:depth")
-        return found and found.cause
+    def cause(reason):
+        alarm = rules.present(situation(sensor_states={"depth": reason}), 0.0).get("sensor:depth")
+        return alarm and alarm.cause
 
-    assert told("frozen") == told("recovering") == "frozen"
-    assert told("missing") == told("recovering") == "missing"
-    assert told("good") is None
-    assert told("recovering") == "recovering"
+    assert cause("frozen") == cause("recovering") == "frozen"
+    assert cause("missing") == cause("recovering") == "missing"
+    assert cause("good") is None
+    assert cause("recovering") == "recovering"
 
 
 @pytest.mark.parametrize("cause", [StopCause.INTERLOCK, StopCause.WATCHDOG, StopCause.OPERATOR])
@@ -383,8 +383,10 @@ def test_one_look_after_a_stall_of_the_page_is_no_alarm(rules):
     ],
 )
 def test_value_outside_and_its_return_must_last(rules, values, name, lasts_s):
-    found = rules.present(situation(values), 0.0)
-    assert {key: (one.on_s, one.off_s) for key, one in found.items()} == {name: (lasts_s, lasts_s)}
+    alarms = rules.present(situation(values), 0.0)
+    assert {key: (alarm.on_s, alarm.off_s) for key, alarm in alarms.items()} == {
+        name: (lasts_s, lasts_s)
+    }
 
 
 SILENT = {"fsw_supervisor": {"arbiter": Part("stale", "")}}
@@ -481,7 +483,7 @@ def test_a_leader_of_the_weld_before_has_not_failed(rules):
 def test_recorder_that_is_killed_is_an_alarm(rules):
     parts = {"fsw_recorder": {"recording": Part("stale", "recording")}}
     raised = rules.present(situation(parts=parts), 0.0)
-    assert {name: one.priority for name, one in raised.items()} == {"recorder": "medium"}
+    assert {name: alarm.priority for name, alarm in raised.items()} == {"recorder": "medium"}
 
 
 @pytest.mark.parametrize(("standby", "on_s"), [("ok", 0.6), ("error", 0.04), ("stale", 0.04)])
@@ -536,17 +538,17 @@ def test_the_process_window_is_told_as_it_is_in_force(rules):
     book = default().model_copy(update={"quality": (narrow,)})
     values = {"temperature_c": 871.0, "reference_temperature_c": 850.0}
     for phase, is_there in (("", True), ("joint_line", True), ("dwell", False)):
-        found = rules.present(situation(values, phase, book), 0.0)
-        assert list(found) == ["quality:temperature_c"] * is_there
-        assert [one.text for one in found.values()] == [
+        alarms = rules.present(situation(values, phase, book), 0.0)
+        assert list(alarms) == ["quality:temperature_c"] * is_there
+        assert [alarm.text for alarm in alarms.values()] == [
             "Temperature: outside 805 to 870 °C"
         ] * is_there
 
 
 def test_a_controller_that_tells_no_reason_is_told_as_such(rules):
     inhibited = state(controllers=[controller(inhibited=True)])
-    found = rules.present(situation(state=inhibited), 0.0)["controller:nmpc"]
-    assert found.why == NO_REASON
+    alarm = rules.present(situation(state=inhibited), 0.0)["controller:nmpc"]
+    assert alarm.why == NO_REASON
 
 
 @pytest.mark.parametrize(
@@ -559,9 +561,9 @@ def test_odd_names_become_alarms_that_can_be_acknowledged(rules, name):
         interlocks=[lock(name, "trip")],
         controllers=[controller(name, ready=False, why=name)],
     )
-    found = rules.present(situation(state=odd, parts={name: {name: Part("error", name)}}), 0.0)
-    assert len(found) >= 3
-    Acknowledge(ids=tuple(found))
+    alarms = rules.present(situation(state=odd, parts={name: {name: Part("error", name)}}), 0.0)
+    assert len(alarms) >= 3
+    Acknowledge(ids=tuple(alarms))
 
 
 @pytest.mark.parametrize(
@@ -579,29 +581,29 @@ def test_texts_of_others_are_made_readable(text, shown):
 
 
 def test_page_gets_the_limits_that_the_alarms_have():
-    found = limits({}, default())
-    assert found["depth_mm"]["kept"][-1] == {"low": -0.1, "high": 0.1, "of_aim": True}
-    assert found["temperature_c"]["kept"][0] == {"low": 790.0, "high": 910.0, "of_aim": False}
-    assert [found[name]["deviation"] for name in ("force_kn", "speed_rpm")] == [5.0, 20.0]
+    bands = limits({}, default())
+    assert bands["depth_mm"]["kept"][-1] == {"low": -0.1, "high": 0.1, "of_aim": True}
+    assert bands["temperature_c"]["kept"][0] == {"low": 790.0, "high": 910.0, "of_aim": False}
+    assert [bands[name]["deviation"] for name in ("force_kn", "speed_rpm")] == [5.0, 20.0]
 
 
 def test_set_point_out_of_reach_is_told_with_what_is_attainable(rules):
-    def told(depth_mm, temperature_c, **changed):
-        found = rules.present(
+    def alarm_of(depth_mm, temperature_c, **changed):
+        alarms = rules.present(
             situation(attainable=Reference(depth_mm, temperature_c), **changed), 0.0
         )
-        return found.get("out_of_reach")
+        return alarms.get("out_of_reach")
 
-    assert told(2.66, 850.0) is None and told(2.66, 850.4) is None  # the estimates' noise
-    one = told(2.66, 835.2)
-    assert (one.cause, one.advice.split()[0]) == ("upper_bound", "Lower")
-    assert "850 °C" in one.why and "835 °C" in one.why
+    assert alarm_of(2.66, 850.0) is None and alarm_of(2.66, 850.4) is None  # the estimates' noise
+    below = alarm_of(2.66, 835.2)
+    assert (below.cause, below.advice.split()[0]) == ("upper_bound", "Lower")
+    assert "850 °C" in below.why and "835 °C" in below.why
     assert rules.replaced == Reference(2.66, 835.2)
-    assert told(2.66, 849.8) is None and rules.replaced is None
-    other = told(2.60, 852.0)
+    assert alarm_of(2.66, 849.8) is None and rules.replaced is None
+    other = alarm_of(2.60, 852.0)
     assert (other.cause, other.advice.split()[0]) == ("lower_bound", "Raise")
     assert "852 °C" in other.why and "2.60 mm" in other.why
-    assert told(2.66, 835.0, tick_age_s=9.0) is None, "what is measured is old"
+    assert alarm_of(2.66, 835.0, tick_age_s=9.0) is None, "what is measured is old"
 
 
 def test_set_point_out_of_reach_is_raised_when_it_lasts_and_goes_by_itself(rules):
@@ -610,7 +612,7 @@ def test_set_point_out_of_reach_is_raised_when_it_lasts_and_goes_by_itself(rules
 
     def states(attainable, now_s):
         listed.update(rules.present(situation(attainable=attainable), now_s), now_s)
-        return {name: one.state for name, one in listed.entries.items()}
+        return {name: entry.state for name, entry in listed.entries.items()}
 
     out, within = Reference(2.66, 835.0), Reference(2.66, 850.0)
     assert states(out, 0.0) == states(out, 1.9) == {}
@@ -633,8 +635,8 @@ def test_what_the_monitor_tells_is_an_alarm_with_its_cause_and_advice(rules):
             "watch": Part("ok", ""),
         }
     }
-    found = rules.present(situation(parts=parts), 0.0)
-    assert {name: (one.text, one.action, one.cause) for name, one in found.items()} == {
+    alarms = rules.present(situation(parts=parts), 0.0)
+    assert {name: (alarm.text, alarm.action, alarm.cause) for name, alarm in alarms.items()} == {
         "watch:thermocouple_drift": ("It drifts", "replace_thermocouple", "thermocouple_drift"),
         "watch:later": ("It is new", "see_trends", "later"),
         "watch:foreign": ("It is odd", "see_trends", "foreign"),
@@ -645,10 +647,10 @@ def test_shelved_alarm_of_the_monitor_stays_so_until_the_cause_is_another(rules)
     listed = AlarmList(lambda count: None)
 
     def states(now_s, **codes):
-        told = {cause: Part("warn", code, code=code) for cause, code in codes.items()}
-        found = rules.present(situation(parts={"fsw_monitor": told}), now_s)
-        listed.update(found, now_s)
-        return {name: one.state for name, one in listed.entries.items()}
+        parts = {cause: Part("warn", code, code=code) for cause, code in codes.items()}
+        alarms = rules.present(situation(parts={"fsw_monitor": parts}), now_s)
+        listed.update(alarms, now_s)
+        return {name: entry.state for name, entry in listed.entries.items()}
 
     assert states(0.0, tool_wear="alarm") == {"watch:tool_wear": "active"}
     listed.shelve("watch:tool_wear", 10.0, "anna", "known", 1.0)

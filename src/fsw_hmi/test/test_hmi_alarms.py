@@ -1,4 +1,7 @@
-"""The list of alarms: its states, its order, what is told of it, floods, shelves and what came first."""
+"""The list of alarms.
+
+Its states, its order, what is told of it, floods, shelves and what came first.
+"""
 
 from dataclasses import replace
 
@@ -36,10 +39,10 @@ class Desk:
         return self.list.rows(self.now_s, WALL_S + self.now_s)
 
     def row(self, name):
-        return next((one for one in self.rows() if one["id"] == name), None)
+        return next((row for row in self.rows() if row["id"] == name), None)
 
     def states(self):
-        return {one["id"]: one["state"] for one in self.rows()}
+        return {row["id"]: row["state"] for row in self.rows()}
 
     def acknowledge(self, *names):
         return self.list.acknowledge(names, "anna")
@@ -50,7 +53,7 @@ class Desk:
     def note(self, name, kind, entry, who="", *_):
         self.events.append((name, kind.word, entry.count, who))
 
-    def told(self):
+    def journal(self):
         events, self.events = self.events, []
         return events
 
@@ -78,7 +81,7 @@ def test_alarm_goes_through_its_states(desk):
     assert not desk.update(3.0)
     assert desk.update(4.0)
     assert desk.rows() == []
-    assert desk.told() == [
+    assert desk.journal() == [
         ("a", "raised", 1, ""),
         ("a", "acknowledged", 1, "anna"),
         ("a", "cleared", 1, ""),
@@ -101,7 +104,7 @@ def test_alarm_that_is_gone_stays_until_acknowledged_and_comes_again_with_a_new_
     desk.update(6.0)
     assert desk.acknowledge("a", "unknown") == 1
     assert desk.rows() == []
-    assert [event for _, event, _, _ in desk.told()] == [
+    assert [event for _, event, _, _ in desk.journal()] == [
         "raised",
         "cleared",
         "re-raised",
@@ -132,7 +135,7 @@ def test_alarm_that_becomes_worse_has_to_be_seen_again(desk):
     desk.acknowledge("a")
     desk.update(3.0, a=MEDIUM)
     assert desk.states() == {"a": "acknowledged"}
-    assert ("a", "worsened", 1, "") in desk.told()
+    assert ("a", "worsened", 1, "") in desk.journal()
 
 
 # ---------------------------------------------------------------- delays
@@ -174,7 +177,7 @@ LOW_FLOOD = f"{FLOOD_ID}low"
 def test_flood_of_each_priority_is_one_alarm_of_it_that_hides_no_trip(desk, alarm):
     desk.update(0.0, **{f"part:{i}": alarm for i in range(40)}, stop=TRIP, other=MEDIUM)
     listed = [name for name in desk.states() if name.startswith("part:")]
-    (group,) = (one for one in desk.rows() if one["id"].startswith(FLOOD_ID))
+    (group,) = (row for row in desk.rows() if row["id"].startswith(FLOOD_ID))
     assert (len(listed), group["text"], group["priority"]) == (10, "30 more", alarm.priority)
     assert {"stop", "other"} <= desk.states().keys()
 
@@ -194,7 +197,7 @@ def test_flood_of_low_ones_is_one_alarm_with_their_number_and_hides_no_other(des
     desk.update(31.0, **few)
     desk.update(33.0, **few)
     assert desk.states()[LOW_FLOOD] == "cleared"
-    assert [event for name, event, _, _ in desk.told() if name == LOW_FLOOD] == [
+    assert [event for name, event, _, _ in desk.journal() if name == LOW_FLOOD] == [
         "raised",
         "cleared",
     ]
@@ -227,7 +230,7 @@ def test_shelved_alarm_is_back_when_its_time_is_over(desk):
     assert not desk.update(119.9, a=MEDIUM)
     desk.update(120.0, a=MEDIUM)
     assert desk.states() == {"a": "active"}
-    assert [one for one in desk.told() if "shelved" in one[1]] == [
+    assert [event for event in desk.journal() if "shelved" in event[1]] == [
         ("a", "shelved", 1, "anna"),
         ("b", "shelved", 1, "anna"),
         ("a", "unshelved", 1, ""),
@@ -251,7 +254,7 @@ def test_shelved_alarm_with_another_cause_comes_back(desk, again, cause, why, st
 
 def test_all_that_were_on_the_page_are_acknowledged_whatever_their_number(desk):
     desk.update(0.0, **{f"a{n}": MEDIUM for n in range(400)})
-    newest = max(one["number"] for one in desk.rows())
+    newest = max(row["number"] for row in desk.rows())
     desk.update(900.0, late=HIGH, **{f"a{n}": MEDIUM for n in range(400)})
     waiting = desk.list.waiting(newest)
     assert desk.acknowledge(*waiting) == len(waiting) == 301
@@ -261,11 +264,11 @@ def test_all_that_were_on_the_page_are_acknowledged_whatever_their_number(desk):
 def test_what_has_become_worse_or_left_the_shelf_meanwhile_is_not_acknowledged(desk):
     desk.update(0.0, a=LOW, b=LOW, c=MEDIUM)
     desk.shelve("b")
-    newest = max(one["number"] for one in desk.rows())
+    newest = max(row["number"] for row in desk.rows())
     desk.update(1.0, a=HIGH, b=LOW, c=MEDIUM)
     desk.list.unshelve("b", "otto")
     assert desk.list.waiting(newest) == ["c"]
-    assert desk.list.waiting(max(one["number"] for one in desk.rows())) == ["a", "b", "c"]
+    assert desk.list.waiting(max(row["number"] for row in desk.rows())) == ["a", "b", "c"]
 
 
 def test_shelf_refuses_high_priority_and_what_is_not_there(desk):
@@ -286,16 +289,16 @@ def test_what_came_first_before_a_trip_is_marked_until_the_trip_is_acknowledged(
     desk.update(0.0, old=MEDIUM)
     desk.update(100.0, old=MEDIUM, node=LOW)
     desk.update(101.0, old=MEDIUM, node=LOW, cause=MEDIUM)
-    assert not any(one["first_out"] for one in desk.rows())
+    assert not any(row["first_out"] for row in desk.rows())
     desk.update(105.0, old=MEDIUM, node=LOW)
     desk.update(106.0, old=MEDIUM, node=LOW, next=HIGH, stop=TRIP)
-    assert [one["id"] for one in desk.rows() if one["first_out"]] == ["cause"]
+    assert [row["id"] for row in desk.rows() if row["first_out"]] == ["cause"]
     assert desk.row("stop")["first"] == MEDIUM.text
     desk.acknowledge("cause")
     assert desk.row("stop")["first"] == MEDIUM.text
     desk.acknowledge("stop")
     assert desk.row("stop")["first"] == ""
-    assert not any(one["first_out"] for one in desk.rows())
+    assert not any(row["first_out"] for row in desk.rows())
 
 
 def test_each_trip_has_its_own_first(desk):
@@ -321,7 +324,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        self.desk, self.present, self.told = Desk(), {}, {}
+        self.desk, self.present, self.is_raised = Desk(), {}, {}
 
     @rule(
         present=st.dictionaries(NAMES, ALARMS),
@@ -372,20 +375,20 @@ class AnyOrder(RuleBasedStateMachine):
     @invariant()
     def the_order_is_by_state_then_priority(self):
         place = {"active": 0, "acknowledged": 1, "cleared": 2, "shelved": 3}
-        keys = [(place[one["state"]], RANK[one["priority"]]) for one in self.desk.rows()]
+        keys = [(place[row["state"]], RANK[row["priority"]]) for row in self.desk.rows()]
         assert keys == sorted(keys)
 
     @invariant()
     def the_journal_tells_what_is_present(self):
-        for name, kind, *_ in self.desk.told():
+        for name, kind, *_ in self.desk.journal():
             if kind in (AlarmChange.RAISED.word, AlarmChange.RE_RAISED.word):
-                assert not self.told.get(name)
-                self.told[name] = True
+                assert not self.is_raised.get(name)
+                self.is_raised[name] = True
             elif kind == AlarmChange.CLEARED.word:
-                assert self.told[name]
-                self.told[name] = False
-        present = {name for name, one in self.desk.list.entries.items() if one.present}
-        assert present == {name for name, is_present in self.told.items() if is_present}
+                assert self.is_raised[name]
+                self.is_raised[name] = False
+        present = {name for name, entry in self.desk.list.entries.items() if entry.present}
+        assert present == {name for name, is_present in self.is_raised.items() if is_present}
 
     @invariant()
     def one_first_for_a_trip_at_most(self):

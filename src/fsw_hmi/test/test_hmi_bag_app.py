@@ -70,7 +70,7 @@ def get(tmp_path: Path, page: PageFiles) -> Get:
         ) as own_thread:  # in this one a loop of the browser's tests may be running
             own_thread.submit(asyncio.run, app(scope, receive, send)).result()
         names = {name.decode(): value.decode() for name, value in sent[0]["headers"]}
-        return sent[0]["status"], names, b"".join(one.get("body", b"") for one in sent[1:])
+        return sent[0]["status"], names, b"".join(message.get("body", b"") for message in sent[1:])
 
     return get
 
@@ -89,7 +89,7 @@ def test_bags_and_rows_are_packed_for_those_who_can_unpack_them(get: Get) -> Non
         assert plain[2] == gzip.decompress(body)
     listed = json.loads(get("/bags", encoding="")[2])
     assert set(listed) == {"build", "bags", "limits"}
-    assert [one["n"] for one in listed["bags"]] == [0]
+    assert [bag["n"] for bag in listed["bags"]] == [0]
     shown = json.loads(get("/bags/0", encoding="")[2])
     assert len(shown["rows"]) == 50
     assert len(shown["rows"][0]) == len(shown["columns"])

@@ -24,7 +24,10 @@ pytest.importorskip(
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Bag of a weld of 30 s: phases from 0 and 10 s, a hold, an operator's action, and a swap after 15 s."""
+    """Bag of a weld of 30 s.
+
+    Phases from 0 and 10 s, a hold, an operator's action, and a swap after 15 s.
+    """
     folder = tmp_path_factory.mktemp("weld") / "bag"
     write_programme_weld(folder)
     return folder
@@ -61,7 +64,7 @@ def test_summary_has_events(bag: Path) -> None:
     assert summary["name"] == bag.parent.name
     assert summary["duration_s"] == 30.0
     assert summary["controllers"] == ["decentral", "nmpc"]
-    assert [(one["time_s"], one["kind"]) for one in summary["events"]] == [
+    assert [(event["time_s"], event["kind"]) for event in summary["events"]] == [
         (0.1, "phase"),  # the first tick is at 0.1 s
         (10.1, "phase"),
         (15.1, "swap"),
@@ -85,7 +88,7 @@ def test_without_the_supervisors_parameters_no_interlock_is_drawn(tmp_path: Path
     write_sample_weld(tmp_path / "weld", 20)
     [shown] = load([tmp_path / "weld"])
     assert "warn" not in shown.limits["depth_mm"]
-    assert any("interlocks are not drawn" in one for one in shown.summary["problems"])
+    assert any("interlocks are not drawn" in problem for problem in shown.summary["problems"])
     assert {row[shown.columns.index("phase")] for row in shown.rows} == {""}
 
 
@@ -96,7 +99,7 @@ def test_weld_of_one_tick_is_shown(tmp_path: Path) -> None:
 
 def test_two_bags_have_names_that_tell_them_apart(bag: Path, tmp_path: Path) -> None:
     write_sample_weld(tmp_path / "other", 20)
-    assert [one.summary["name"] for one in load([bag, tmp_path / "other"])] == [
+    assert [weld.summary["name"] for weld in load([bag, tmp_path / "other"])] == [
         bag.parent.name,
         "other",
     ]
@@ -114,7 +117,7 @@ def test_a_damaged_bag_is_shown_as_far_as_it_can_be_read(tmp_path: Path) -> None
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
     [shown] = load([tmp_path / "weld"])
     assert 10 < len(shown.rows) < 100
-    assert any("not finished" in one for one in shown.summary["problems"])
+    assert any("not finished" in problem for problem in shown.summary["problems"])
 
 
 def test_a_bag_that_is_not_as_its_manifest_has_it_is_not_intact(tmp_path: Path) -> None:
@@ -128,7 +131,11 @@ def test_a_bag_that_is_not_as_its_manifest_has_it_is_not_intact(tmp_path: Path) 
     metadata = folder / METADATA_NAME
     metadata.write_bytes(metadata.read_bytes() + b"\n# later\n")
     [changed] = load([folder])
-    new = [one for one in changed.summary["problems"] if one not in shown.summary["problems"]]
+    new = [
+        problem
+        for problem in changed.summary["problems"]
+        if problem not in shown.summary["problems"]
+    ]
     assert len(new) == 1 and METADATA_NAME in new[0]
 
 

@@ -148,7 +148,10 @@ def test_safe_stop_on_this_computer_needs_no_login_unless_configured(room):
 
 
 class Misuse(RuleBasedStateMachine):
-    """Whatever anybody does: who knows the token gets in, and who has, or is on this computer, can stop, every time."""
+    """Whatever anybody does.
+
+    Who knows the token gets in, and who has, or is on this computer, can stop, every time.
+    """
 
     pages = Bundle("pages")
 
@@ -272,7 +275,7 @@ def test_nobody_else_resumes_a_session_nor_anybody_too_late(room, address, token
     records = room.tick(Desk.now_s + after_s)
     other = room.join(address, anna.session.token if token is None else token)
     assert other is not anna.session and not other.name
-    lost = [(one.who, one.answer.message) for one in records]
+    lost = [(record.who, record.answer.message) for record in records]
     late = [(anna.session.who, "its page was not connected for 10 s")]
     assert lost == (late if after_s > 10.0 else [])
 
@@ -344,7 +347,7 @@ def test_too_many_requests_are_refused_and_in_the_end_shut_the_page_out(room):
     now_s = Desk.now_s + 10.0
     text = json.dumps({"id": 1, "do": "mode", "mode": "hold"})
     verdicts = [room.handle(desk.session, text, now_s) for _ in range(40)]
-    assert [one.action is not None for one in verdicts] == [True] * 10 + [False] * 30
+    assert [verdict.action is not None for verdict in verdicts] == [True] * 10 + [False] * 30
     for _ in range(100):  # as a key that is held down
         stop = room.handle(desk.session, json.dumps({"id": 2, "do": "safe_stop"}), now_s)
         assert (stop.action, stop.close) == (SafeStop(), False)
@@ -373,8 +376,8 @@ def test_too_many_requests_are_refused_and_in_the_end_shut_the_page_out(room):
 def test_malformed_messages_count_as_offences(room, text):
     desk = Desk(room, "anna")
     verdicts = [desk.send(text) for _ in range(21)]
-    assert all(one.action is None for one in verdicts)
-    assert [one.close for one in verdicts] == [False] * 20 + [True]
+    assert all(verdict.action is None for verdict in verdicts)
+    assert [verdict.close for verdict in verdicts] == [False] * 20 + [True]
 
 
 json_values = st.recursive(

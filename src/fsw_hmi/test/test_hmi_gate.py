@@ -1,4 +1,7 @@
-"""Connections of strangers do not keep others out: the gate by itself, and before the real server."""
+"""Connections of strangers do not keep others out.
+
+The gate by itself, and before the real server.
+"""
 
 import contextlib
 import socket
@@ -51,7 +54,9 @@ class Door:
             self.gate.touch((host, port), True)
 
     def open(self, host):
-        return [port for (one, port), link in self.links.items() if one == host and link.open]
+        return [
+            port for (address, port), link in self.links.items() if address == host and link.open
+        ]
 
 
 def test_client_with_too_many_loses_its_oldest_that_waits_then_its_oldest_page():
@@ -151,12 +156,12 @@ def test_limits_hold_whoever_comes_and_users_lose_a_page_only_without_strangers(
     door = Door(of_client=of_client, of_all=of_all)
     known = set()
     for port, (host, asks, knows) in enumerate(comers):
-        before = {one for one, link in door.links.items() if link.open}
+        before = {client for client, link in door.links.items() if link.open}
         door.come(host, port, asks)
-        lost = [one for one in before if not door.links[one].open]
+        lost = [client for client in before if not door.links[client].open]
         assert door.links[host, port].open and len(lost) <= 1
         if lost and lost[0] in known:
-            own = {one for one in before if one[0] == host}
+            own = {client for client in before if client[0] == host}
             assert known >= (own if len(own) == of_client else before)
         if knows:
             door.gate.touch((host, port), True)
@@ -167,14 +172,14 @@ def test_limits_hold_whoever_comes_and_users_lose_a_page_only_without_strangers(
 
 def half_open(server, stack, count, host, content=b"GET / HTTP/1.1\r\nHost: "):
     """Connections that have not sent a whole request."""
-    found = []
+    connections = []
     for _ in range(count):
-        one = stack.enter_context(
+        connection = stack.enter_context(
             socket.create_connection((HERE, server.port), PATIENCE_S, (host, 0))
         )
-        one.sendall(content)
-        found.append(one)
-    return found
+        connection.sendall(content)
+        connections.append(connection)
+    return connections
 
 
 @pytest.mark.slow

@@ -1,4 +1,7 @@
-"""What the page says at its top, and what it flags: found by the server, by the rules that the weld is judged by."""
+"""What the page says at its top, and what it flags.
+
+Found by the server, by the rules that the weld is judged by.
+"""
 
 from __future__ import annotations
 
@@ -85,8 +88,8 @@ def shown(
     ],
 )
 def test_headline_is_the_worst(changed: dict[str, Any], level: str, text: str) -> None:
-    found = shown(**changed)
-    assert (found["level"], found["text"]) == (level, text)
+    top = shown(**changed)
+    assert (top["level"], top["text"]) == (level, text)
 
 
 STOP = {"actual_mode": "safe_stop"}
@@ -141,8 +144,8 @@ def test_what_to_do_follows_from_the_rule_that_decides(rule: str, action: str) -
 def test_what_follows_the_weld_is_said_once_it_is_over(
     programme: str, state: dict[str, Any], action: str, account: dict[str, str] | None
 ) -> None:
-    found = shown(programme=programme, state=AUTO | state, account=account, recording="recording")
-    assert found["after"] == ACTIONS[action]
+    top = shown(programme=programme, state=AUTO | state, account=account, recording="recording")
+    assert top["after"] == ACTIONS[action]
 
 
 @pytest.mark.parametrize(
@@ -165,11 +168,11 @@ def test_what_follows_the_weld_is_said_once_it_is_over(
 def test_flag_is_the_worst_of_a_quantity(
     changed: dict[str, float], quantity: str, kind: str, side: str
 ) -> None:
-    found = outside_now(GOOD | changed, None, default(), LIMITS)
+    outside = outside_now(GOOD | changed, None, default(), LIMITS)
     assert (
-        list(found) == [quantity]
-        and found[quantity][0]["kind"] == kind
-        and found[quantity][0]["text"].endswith(side)
+        list(outside) == [quantity]
+        and outside[quantity][0]["kind"] == kind
+        and outside[quantity][0]["text"].endswith(side)
     )
 
 
@@ -193,5 +196,5 @@ def test_limits_of_a_phase_hold_in_it_and_where_no_phase_is_known() -> None:
     narrow = Limit(variable="torque_nm", max=1000.0, phases=("joint_line",), source="test")
     book = default().model_copy(update={"quality": (narrow,)})
     columns = {name: np.full(3, value) for name, value in variables(GOOD).items()}
-    found = flags(columns, np.array(["dwell", "joint_line", ""], object), book, LIMITS)
-    assert [list(one) for one in found] == [[], ["torque_nm"], ["torque_nm"]]
+    flagged = flags(columns, np.array(["dwell", "joint_line", ""], object), book, LIMITS)
+    assert [list(quantities) for quantities in flagged] == [[], ["torque_nm"], ["torque_nm"]]

@@ -1,4 +1,7 @@
-"""The band of known heat by angle: the profile's heat and deviation, none where there is no plan."""
+"""The band of known heat by angle.
+
+The profile's heat and deviation, none where there is no plan.
+"""
 
 from dataclasses import replace
 from math import nan

@@ -100,7 +100,7 @@ def test_control_is_handed_over_on_real_pages(make_server, users):
         assert otto.ask("hand_over_control", to=asked["session"])["outcome"] == "done"
         assert olga.seen("control", lambda frame: frame["you"])["note_code"] == "received"
         recorded = [server.next_order() for _ in range(2)]
-        assert [(one.who.split()[0], one.asked) for one in recorded] == [
+        assert [(record.who.split()[0], record.asked) for record in recorded] == [
             ("olga", "request control"),
             ("otto", "hand over control"),
         ]

@@ -25,14 +25,14 @@ def test_each_page_shows_the_fault_of_its_own_weld_alone(domain_id):
         publishers = {cell: DiagnosticsPublisher(node) for cell, node in supervisors.items()}
         watches = {cell: Watch(node, *[lambda *_: None] * 2) for cell, node in pages.items()}
 
-        def told():
+        def have_reports():
             for cell, line in WELDS.items():
                 publishers[cell].publish([line])
             for _ in range(len(WELDS) ** 2):  # a message for each page from each weld
                 graph.spin()
             return all(watch.now.sensor_states for watch in watches.values())
 
-        graph.until(told, "the pages")
+        graph.until(have_reports, "the pages")
         for cell, watch in watches.items():
             shown = watch.parts()
             assert {node: [*parts] for node, parts in shown.items()} == {

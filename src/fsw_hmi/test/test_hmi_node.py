@@ -64,17 +64,23 @@ START_NS, TICK_NS = 1_700_000_000_000_000_000, 100_000_000
 
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
-    """A machine may stand still for some time; how long silence lasts until it is told, is tested by the clock."""
+    """A machine may stand still for some time.
+
+    How long silence lasts until it is told, is tested by the clock.
+    """
     for module in (alarm_rules, watch_ros):
         monkeypatch.setattr(module, "NO_REPORT_S", PATIENCE_S)
 
 
 def states(frame):
-    return [(one["id"], one["state"]) for one in frame["alarms"]]
+    return [(alarm["id"], alarm["state"]) for alarm in frame["alarms"]]
 
 
 class Graph:
-    """Nodes in an executor of their own thread: the page, and one that stands in for all others."""
+    """Nodes in an executor of their own thread.
+
+    The page, and one that stands in for all others.
+    """
 
     def __init__(self, domain, token_file, monkeypatch, capsys, folder, request_timeout_s):
         self.context = Context()
@@ -103,7 +109,10 @@ class Graph:
         self.thread.start()
 
     def start_page(self):
-        """Start the page's server, again where one runs; in the executor's thread once that spins."""
+        """Start the page's server, again where one runs.
+
+        In the executor's thread once that spins.
+        """
         if self.hmi is not None:
             self.executor.remove_node(self.hmi)
             self.hmi.destroy_node()
@@ -138,28 +147,33 @@ class Graph:
 
 @pytest.fixture
 def graph(request, domain_id, tmp_path, monkeypatch, capsys, folder):
-    """Patient with the graph's answers: a machine may stand still for some time; tests of the patience give theirs."""
+    """Patient with the graph's answers: a machine may stand still for some time.
+
+    Tests of the patience give theirs.
+    """
     token_file = tmp_path / "token~"
     token_file.write_text(TOKEN)
     token_file.chmod(0o600)
-    one = Graph(
+    started = Graph(
         domain_id, token_file, monkeypatch, capsys, folder, getattr(request, "param", 60.0)
     )
-    yield one
-    one.close()
+    yield started
+    started.close()
 
 
 @pytest.fixture
 def page(graph):
-    with Page(graph.url) as one:
-        one.command(TOKEN)
-        yield one
+    with Page(graph.url) as opened:
+        opened.command(TOKEN)
+        yield opened
 
 
 def test_control_that_ends_with_the_server_is_recorded(graph, page):
     wait_until(graph.executor.create_task(graph.start_page).done, "the page's server")
-    wait_until(lambda: any(one.code == "server_ended" for one in graph.actions), "the record")
-    lost = next(one for one in graph.actions if one.code == "server_ended")
+    wait_until(
+        lambda: any(action.code == "server_ended" for action in graph.actions), "the record"
+    )
+    lost = next(action for action in graph.actions if action.code == "server_ended")
     assert (lost.action, lost.who.startswith("anna (")) == ("lose control", True)
     with Page(graph.url) as again:
         assert again.seen("control")["holder"] is None
@@ -317,8 +331,13 @@ def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_a
     graph.node.create_subscription(AlarmEvent, "fsw/alarms", events.append, LATCHED)
 
     def goes_for(temperature_c, source="nmpc"):
-        told = {"attainable_depth_mm": 2.66, "attainable_temperature_c": temperature_c}
-        proposal = Proposal(Command(78.0, 400.0), diagnosis=Diagnosis(disturbances=told))
+        attainable_values = {
+            "attainable_depth_mm": 2.66,
+            "attainable_temperature_c": temperature_c,
+        }
+        proposal = Proposal(
+            Command(78.0, 400.0), diagnosis=Diagnosis(disturbances=attainable_values)
+        )
         statuses.publish(convert.status_message(proposal, START_NS, "nmpc", source, ()))
 
     def is_shown(attainable, alarm_state):
@@ -334,13 +353,13 @@ def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_a
     )
     goes_for(815.04, source="decentral")  # another one commands, who tells nothing
     graph.tick_until(lambda: is_shown(None, "cleared"), "its end")
-    told = ["raised", "cleared"]  # on a topic of its own, which may come after the page's frame
+    changes = ["raised", "cleared"]  # on a topic of its own, which may come after the page's frame
 
     def journal():
-        return [AlarmChange(one.kind).word for one in events if one.id == "out_of_reach"]
+        return [AlarmChange(event.kind).word for event in events if event.id == "out_of_reach"]
 
-    graph.tick_until(lambda: journal() == told, "the journal")
-    text = next(one.text for one in events if one.id == "out_of_reach")
+    graph.tick_until(lambda: journal() == changes, "the journal")
+    text = next(event.text for event in events if event.id == "out_of_reach")
     assert "830 °C" in text and "815 °C" in text
 
 
@@ -385,24 +404,26 @@ def test_answers_of_services(graph, page):
     wait_until(graph.hmi._orders._acknowledge.service_is_ready, "the service")
     assert page.ask("acknowledge_stop")["message"] == "still hot"
     wait_until(lambda: len(graph.actions) == 8, "the record of all actions")
-    assert [(one.action, one.code) for one in graph.actions[:1]] == [("log in", "logged_in")]
-    assert [one.code for one in graph.actions[-4:]] == [
+    assert [(action.action, action.code) for action in graph.actions[:1]] == [
+        ("log in", "logged_in")
+    ]
+    assert [action.code for action in graph.actions[-4:]] == [
         "mode_next",
         "service",
         "mode_next",
         "cause_present",
     ]
-    assert [(one.action, one.outcome) for one in graph.actions][-4:] == [
+    assert [(action.action, action.outcome) for action in graph.actions][-4:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
         ("switch to nmpc", "done"),
         ("safe stop", "done"),
         ("acknowledge the safe stop", "refused"),
     ]
-    assert all(one.who.startswith("anna (") for one in graph.actions)
+    assert all(action.who.startswith("anna (") for action in graph.actions)
     listed = page.seen("actions", lambda frame: len(frame["actions"]) == 8)["actions"]
-    assert [(one["who"], one["action"], one["outcome"], one["code"]) for one in listed] == [
-        (one.who, one.action, one.outcome, one.code) for one in graph.actions
-    ]
+    assert [
+        (action["who"], action["action"], action["outcome"], action["code"]) for action in listed
+    ] == [(action.who, action.action, action.outcome, action.code) for action in graph.actions]
 
 
 @pytest.mark.requirement("S19")
@@ -447,7 +468,7 @@ def test_safe_stop_reaches_a_supervisor_that_comes_after_the_page_was_answered(g
     graph.serve(SetMode, "fsw/set_mode", on_mode)
     wait_until(lambda: asked, "the safe stop")
     wait_until(lambda: len(graph.actions) == 4, "the record of what became of it")
-    assert [one.outcome for one in graph.actions][1:] == [
+    assert [action.outcome for action in graph.actions][1:] == [
         "done",
         "timed_out",
         "done",
@@ -478,18 +499,22 @@ def test_set_points_are_asked_for_and_the_answer_is_the_supervisors(graph, page)
     graph.progress.publish(
         WeldProgress(state="running", phase="joint_line", way_back=31.5, depth=2.66e-3)
     )
-    told = page.seen("progress", lambda frame: frame["state"] == "running")
+    programme = page.seen("progress", lambda frame: frame["state"] == "running")
     assert (
         page.ask("set_reference", depth_mm=2.7, temperature_c=820)["outcome"] == "done"
     )  # the page does not judge
     assert asked == [(2.7, 820.0, False), (2.66, 826.0, True), (2.7, 820.0, False)]
-    assert (told["left"], told["way_back_s"], told["depth_mm"]) == (False, 31.5, 2.66)
+    assert (programme["left"], programme["way_back_s"], programme["depth_mm"]) == (
+        False,
+        31.5,
+        2.66,
+    )
 
 
 @pytest.mark.requirement("S17")
 def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_journal(graph, page):
-    told = []
-    graph.node.create_subscription(AlarmEvent, "fsw/alarms", told.append, LATCHED)
+    events = []
+    graph.node.create_subscription(AlarmEvent, "fsw/alarms", events.append, LATCHED)
     diagnostics = graph.node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
     wait_until(diagnostics.get_subscription_count, "the page at the diagnostics")
 
@@ -498,10 +523,10 @@ def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_jo
         diagnostics.publish(DiagnosticArray(status=[status]))
 
     def now(state):
-        return lambda frame: [one["state"] for one in of_recorder(frame)] == [state]
+        return lambda frame: [row["state"] for row in of_recorder(frame)] == [state]
 
     def of_recorder(frame):
-        return [one for one in frame["alarms"] if one["id"] == "part:fsw_recorder"]
+        return [row for row in frame["alarms"] if row["id"] == "part:fsw_recorder"]
 
     report(DiagnosticStatus.ERROR, "disk full")
     (alarm,) = of_recorder(page.seen("alarms", now("active")))
@@ -521,16 +546,16 @@ def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_jo
     assert page.ask("acknowledge", ids=[alarm["id"]])["outcome"] == "done"
 
     def journal():
-        return [AlarmChange(one.kind).word for one in told if one.id == alarm["id"]]
+        return [AlarmChange(event.kind).word for event in events if event.id == alarm["id"]]
 
     wait_until(lambda: len(journal()) == 6, "the journal")
     assert journal() == ["raised", "shelved", "unshelved", "cleared", "re-raised", "acknowledged"]
-    assert (told[1].reason, told[1].shelved_for, told[1].who[:6]) == (
+    assert (events[1].reason, events[1].shelved_for, events[1].who[:6]) == (
         "disk is being changed",
         1200.0,
         "anna (",
     )
-    assert {(one.id, one.priority) for one in told} == {("part:fsw_recorder", "medium")}
+    assert {(event.id, event.priority) for event in events} == {("part:fsw_recorder", "medium")}
 
 
 def test_odd_names_and_floods_leave_the_page_alive(graph, page):
@@ -625,4 +650,4 @@ def test_procedure_changed_after_signing_is_refused(tmp_path):
     file.write_text(file.read_text().replace("910.0", "911.0"))
     with pytest.raises(EvidenceError) as caught:
         book_of(str(file))
-    assert [one.code for one in caught.value.findings] == [Code.CONTENT_CHANGED]
+    assert [finding.code for finding in caught.value.findings] == [Code.CONTENT_CHANGED]

@@ -46,7 +46,7 @@ def test_uplot_is_got_once_and_again_for_another_lock(make_npm, tmp_path, calls)
         npm_packages.get_uplot(page)
     (call,) = calls.read_text().splitlines()
     assert call.split()[0] == "ci" and "--omit=dev" in call
-    files = {one.name for one in page.iterdir()}
+    files = {path.name for path in page.iterdir()}
     assert files == {"uPlot.iife.min.js", "uPlot.min.css", "LICENSE", "package-lock.json"}
     (page / "package-lock.json").write_text("older")
     npm_packages.get_uplot(page)

@@ -75,7 +75,7 @@ class Hall:
         return self.room.on_checked(session, self.room.check(session), self.now_s)
 
     def news(self, *places):
-        return [self.room.news(one.session, self.now_s) is not None for one in places]
+        return [self.room.news(place.session, self.now_s) is not None for place in places]
 
 
 @pytest.fixture
@@ -280,8 +280,10 @@ def test_same_person_takes_control_along_to_another_page(hall):
 def lost(hall):
     """Who lost control by what, as recorded since the last look."""
     orders = hall.room.tick(hall.now_s)
-    assert {(one.kind, one.answer.outcome) for one in orders} <= {(RequestKind.LOSE_CONTROL, DONE)}
-    return [(one.who, one.answer.code) for one in orders]
+    assert {(order.kind, order.answer.outcome) for order in orders} <= {
+        (RequestKind.LOSE_CONTROL, DONE)
+    }
+    return [(order.who, order.answer.code) for order in orders]
 
 
 def test_who_loses_control_is_recorded_and_everybody_is_told_why(hall):
@@ -307,15 +309,19 @@ def test_logins_are_recorded_without_what_a_stranger_has_typed_in(hall):
     stranger = Place(hall)
     for name, password in (("Otto", "x"), ("Otto", "x"), ("my-secret-password", "y")):
         stranger.log_in(name, password)
-    (one,) = hall.room.tick(hall.now_s)
-    assert (one.who.split(" (")[0], one.asked, one.answer.outcome) == ("otto", "log in", REFUSED)
-    assert one.answer.code == "wrong_from" and THERE in one.answer.message
+    (refused,) = hall.room.tick(hall.now_s)
+    assert (refused.who.split(" (")[0], refused.asked, refused.answer.outcome) == (
+        "otto",
+        "log in",
+        REFUSED,
+    )
+    assert refused.answer.code == "wrong_from" and THERE in refused.answer.message
     for number in range(9):
         stranger.log_in("egon", f"guess {number}")
     assert hall.room.tick(hall.now_s) == [], "no flood of them in the bag"
     Place(hall, address="192.0.2.9").log_in("my-secret-password", "y")
-    (one,) = hall.room.tick(hall.now_s)
-    assert one.who.startswith("unknown name (")
+    (refused,) = hall.room.tick(hall.now_s)
+    assert refused.who.startswith("unknown name (")
     hall.now_s += 60.0
     stranger.log_in("egon", "another guess")
     assert len(hall.room.tick(hall.now_s)) == 1
@@ -384,7 +390,7 @@ class Passing(RuleBasedStateMachine):
     def leaves(self, place):
         self.hall.room.leave(place.session)
         self.logged_in.discard(place)
-        self.all = [one for one in self.all if one is not place]
+        self.all = [other for other in self.all if other is not place]
 
     @rule(passed_s=st.floats(0.0, 700.0))
     def time_passes(self, passed_s):
@@ -394,10 +400,13 @@ class Passing(RuleBasedStateMachine):
     @invariant()
     def at_most_one_has_control_and_has_a_right_to_it(self):
         controls = [place.control for place in self.all]
-        assert sum(one["you"] for one in controls) <= 1
-        assert all(one["authenticated"] for one in controls if one["you"])
-        assert not any(one["you"] and one["request"] and one["request"]["you"] for one in controls)
-        assert all(one["holder"] for one in controls if one["request"])
+        assert sum(control["you"] for control in controls) <= 1
+        assert all(control["authenticated"] for control in controls if control["you"])
+        assert not any(
+            control["you"] and control["request"] and control["request"]["you"]
+            for control in controls
+        )
+        assert all(control["holder"] for control in controls if control["request"])
 
     @invariant()
     def whoever_has_logged_in_can_stop_at_once(self):

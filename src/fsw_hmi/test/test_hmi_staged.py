@@ -8,7 +8,7 @@ from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.recording import RecordingState
 from fsw_test_support.staged import STAGED, Staged, page_of, sentence
 
-SITUATIONS = [pytest.param(one, id=name) for name, one in STAGED.items()]
+SITUATIONS = [pytest.param(situation, id=name) for name, situation in STAGED.items()]
 
 
 @pytest.mark.parametrize("staged", SITUATIONS)
@@ -29,5 +29,5 @@ def test_causes_and_actions_in_words() -> None:
 
 
 def test_every_state_of_the_recording_has_its_next_action_when_the_weld_is_done() -> None:
-    assert NEXT_OF_BAG.keys() == {str(one) for one in RecordingState}
+    assert NEXT_OF_BAG.keys() == {str(recording_state) for recording_state in RecordingState}
     assert ACTIONS.keys() >= set(NEXT_OF_BAG.values())

@@ -48,9 +48,11 @@ def test_handshakes_that_never_end_shut_no_new_page_out_and_are_closed(make_serv
         server.gate._request_s = (
             0.0  # from here on, so that it does not matter how long the page has taken
         )
-        for one in strangers:
-            assert one.recv(1) == b""  # the oldest at once, the others when their time is over
-            one.close()
+        for stranger in strangers:
+            assert (
+                stranger.recv(1) == b""
+            )  # the oldest at once, the others when their time is over
+            stranger.close()
         page.until("beat")
 
 

@@ -41,8 +41,8 @@ def file(tmp_path):
 def test_file_is_private_holds_no_password_and_is_read_as_written(file):
     assert file.stat().st_mode & 0o777 == 0o600
     assert PASSWORD not in file.read_text()
-    assert [one.name for one in users.read(file)] == ["anna", "Bert.2"]
-    assert len({one.password for one in users.read(file)}) == 2  # each has its own salt
+    assert [user.name for user in users.read(file)] == ["anna", "Bert.2"]
+    assert len({user.password for user in users.read(file)}) == 2  # each has its own salt
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o602])
@@ -74,7 +74,10 @@ def test_file_that_others_may_read_is_refused(file, mode):
         (lambda entries: entries[1].update(name="ANNA"), "anna and ANNA are one name"),
         (lambda entries: entries.append("carl"), "[2] is 'carl': must be a mapping"),
         *(
-            (lambda entries, one=name: entries[0].update(name=one), "is not a user's name")
+            (
+                lambda entries, odd_name=name: entries[0].update(name=odd_name),
+                "is not a user's name",
+            )
             for name in CONFUSING
         ),
     ],
@@ -179,7 +182,7 @@ def test_file_stays_whole_when_it_cannot_be_written(file, monkeypatch):
     )
     with pytest.raises(OSError, match="disk full"):
         users.write(file, [])
-    assert (file.read_bytes(), [one.name for one in file.parent.iterdir()]) == (
+    assert (file.read_bytes(), [path.name for path in file.parent.iterdir()]) == (
         before,
         ["users.yaml"],
     )

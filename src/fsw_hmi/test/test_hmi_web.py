@@ -176,7 +176,7 @@ def test_request_goes_to_the_graph_and_is_answered_once(server):
         page.command(TOKEN)
         number = page.send("mode", mode="hold")
         orders = [server.next_order() for _ in range(2)]
-        assert [(one.asked, one.answer.outcome) for one in orders] == [
+        assert [(order.asked, order.answer.outcome) for order in orders] == [
             ("take control", "done"),
             ("mode hold", ""),
         ]
@@ -199,7 +199,7 @@ def test_request_goes_to_the_graph_and_is_answered_once(server):
             "done",
             None,
         )
-        assert all(one.who.startswith("anna (") for one in (*orders, released))
+        assert all(order.who.startswith("anna (") for order in (*orders, released))
 
 
 def test_everybody_sees_who_has_control_and_a_reload_frees_it(server):
@@ -283,7 +283,7 @@ def test_page_on_this_computer_stops_without_login_and_a_held_key_asks_once(serv
         page.ask("login", token="wrong", name="x")  # it has read all sixty
         server.answer(order)
         answers = [page.until("answer") for _ in numbers]
-        assert [(one["id"], one["outcome"]) for one in answers] == [
+        assert [(answer["id"], answer["outcome"]) for answer in answers] == [
             (number, "done") for number in numbers
         ]
         assert server.orders.empty()
@@ -330,8 +330,9 @@ def test_page_that_takes_nothing_is_given_up(make_server):
         raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         raw.sendall(
             f"GET /ws?build={server.files.build} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\n"
-            f"Origin: http://127.0.0.1:{server.port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
+            f"Origin: http://127.0.0.1:{server.port}\r\nUpgrade: websocket\r\n"
+            "Connection: Upgrade\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+            "Sec-WebSocket-Version: 13\r\n\r\n".encode()
         )
         end_s = time.monotonic() + 240.0
         number = 0

@@ -1,4 +1,7 @@
-"""Parameters of the gateway to a machine. Chosen means: not in the paper, chosen for this project."""
+"""Parameters of the gateway to a machine.
+
+Chosen means: not in the paper, chosen for this project.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What tests of the gateway share: the machine file that is shipped, and reads of a machine that is well."""
+"""What tests of the gateway share.
+
+The machine file that is shipped, and reads of a machine that is well.
+"""
 
 from __future__ import annotations
 

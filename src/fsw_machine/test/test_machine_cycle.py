@@ -1,4 +1,7 @@
-"""The cycle counter is followed, its phase found and kept; stamps rise whatever the server's clock does."""
+"""The cycle counter is followed, its phase found and kept.
+
+Stamps rise whatever the server's clock does.
+"""
 
 from itertools import pairwise
 
@@ -12,7 +15,10 @@ PERIOD_S, TICK_NS = 0.1, 100_000_000
 
 
 def poll(tracker, changes, end_s, read_time_s=0.001, start_s=0.0):
-    """Poll a counter that changes at given times; returns the delays with which that was seen, and the reads."""
+    """Poll a counter that changes at given times.
+
+    Returns the delays with which that was seen, and the reads.
+    """
     delays, reads, now_s = {}, 0, start_s
     while now_s < end_s:
         count = sum(change <= now_s for change in changes)

@@ -379,7 +379,10 @@ def test_every_command_that_was_cut_is_counted(with_other_moves):
 def test_between_what_it_shows_and_what_it_has_taken_no_command_is_within_a_move_of_both(
     with_other_moves,
 ):
-    """The machine moves by itself, faster than commands may: none is written until it is clear where it is."""
+    """The machine moves by itself, faster than commands may.
+
+    None is written until it is clear where it is.
+    """
     with_other_moves.cycle(force_in_force=73.5)
     assert with_other_moves.command(76.0) is None and with_other_moves.refused == {"jump"}
     assert with_other_moves.gateway.cut == 0

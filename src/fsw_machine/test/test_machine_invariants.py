@@ -1,4 +1,7 @@
-"""Whatever is lost, refused, late or cut: every write is near what the machine has; and control always comes back."""
+"""Whatever is lost, refused, late or cut: every write is near what the machine has.
+
+And control always comes back.
+"""
 
 from math import isfinite
 
@@ -21,7 +24,10 @@ RAMP_CYCLES, RAMP_KN, SAFE_KN = 20, 0.1, 65.0
 
 
 class Plc:
-    """A machine that obeys, and a gateway that reads it; set-points may be shown a cycle late, the load cell off."""
+    """A machine that obeys, and a gateway that reads it.
+
+    Set-points may be shown a cycle late, the load cell off.
+    """
 
     def __init__(self, machine, read_of, late=0, offset_kn=0.0):
         self.gateway = Gateway(machine, defaults(GatewayParameters))
@@ -58,7 +64,10 @@ class Plc:
             self._wrote(self.gateway.on_command(*requested, "nmpc", True, now_s, signature))
 
     def _wrote(self, order):
-        """The invariant: in the bounds, and within a move of what the machine has; its own ramp may be under way."""
+        """The invariant: in the bounds, and within a move of what the machine has.
+
+        Its own ramp may be under way.
+        """
         if order is None:
             return
         self.ordered += 1

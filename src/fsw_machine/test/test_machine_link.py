@@ -1,4 +1,7 @@
-"""The OPC UA client against the test machine: reads, writes, security, and one line for everything that is wrong."""
+"""The OPC UA client against the test machine.
+
+Reads, writes, security, and one line for everything that is wrong.
+"""
 
 import queue
 import socket

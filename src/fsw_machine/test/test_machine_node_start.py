@@ -1,4 +1,7 @@
-"""The gateway's node: its start where its library is not installed, and limits that its machine cannot take."""
+"""The gateway's node.
+
+Its start where its library is not installed, and limits that its machine cannot take.
+"""
 
 import subprocess
 import sys

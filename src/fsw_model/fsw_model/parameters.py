@@ -1,4 +1,4 @@
-"""Parameters of the process model, their covariance, and a machine's noise and rates; files of each."""
+"""Files of the model's parameters and covariance, and of a machine's noise and rates."""
 
 from __future__ import annotations
 

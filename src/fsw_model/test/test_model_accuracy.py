@@ -18,7 +18,10 @@ SPEED_RPM = 407.57607824382967  # at which 1021.5254 N m are 43.6 kW
 
 
 class Paper:
-    """Integrates (16)-(27) with inputs that jump at given times: a list of (from_s, force_kn, speed_rpm)."""
+    """Integrates (16)-(27) with inputs that jump at given times.
+
+    A list of (from_s, force_kn, speed_rpm).
+    """
 
     def __init__(self, inputs, dead_time_s):
         self.inputs, self.dead_time_s = inputs, dead_time_s

@@ -32,8 +32,9 @@ class NmpcParameters(ControllerLimits):
     model_file: Annotated[str, AT_START] = ""
     """YAML file of model parameters; empty: the paper's."""
     machine_file: str = ""
-    """YAML file of the sensors' noise and the drives' rates (fsw.py identify --machine): noise above
-    the preset's replaces it, rates below force_step and speed_step replace these; empty: none."""
+    """YAML file of the sensors' noise and the drives' rates (fsw.py identify --machine): noise
+    above the preset's replaces it, rates below force_step and speed_step replace these; empty:
+    none."""
     max_iterations: Annotated[Whole, Range(5, 200, "")] = 50
     """Maximum iterations of the interior-point method; bounds the time of a step."""
     plan_reuse: Annotated[Whole, Range(0, 50, "")] = 5

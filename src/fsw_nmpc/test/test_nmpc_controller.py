@@ -1,4 +1,7 @@
-"""The controller in closed loop: offset-free, as planned, with sensors missing, and taking over."""
+"""The controller in closed loop.
+
+Offset-free, as planned, with sensors missing, and taking over.
+"""
 
 import math
 
@@ -136,7 +139,10 @@ def test_predicts_through_a_missing_sensor_then_gives_up():
 
 
 def test_held_values_are_no_measurements():
-    """A depth sensor hangs while the set-point moves: its held value must not make the estimator stand still."""
+    """A depth sensor hangs while the set-point moves.
+
+    Its held value must not make the estimator stand still.
+    """
     loop, held = Loop(), None
     for k in range(40):
         if k < 10:
@@ -167,7 +173,10 @@ def test_saturation_without_failures():
 
 @pytest.mark.requirement("S12")
 def test_follows_another_controller_and_takes_over_without_a_bump():
-    """Another one moves the inputs about while this one only watches; then it is in command, and nothing jumps."""
+    """Another one moves the inputs about while this one only watches.
+
+    Then it is in command, and nothing jumps.
+    """
     loop = Loop()
     for k in range(100):
         before = loop.applied

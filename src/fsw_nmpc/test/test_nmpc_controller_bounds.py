@@ -1,4 +1,7 @@
-"""The controller stays within bounds and moves, whatever comes: samples, set-points, applied commands."""
+"""The controller stays within bounds and moves, whatever comes.
+
+Samples, set-points, applied commands.
+"""
 
 import math
 
@@ -46,7 +49,10 @@ def test_absurd_samples_keep_the_command_within_limits(sensor, value):
     seed=st.integers(0, 1000),
 )
 def test_limits_hold_always(depth, temperature, force, speed, seed):
-    """Any set-point, any applied command: every proposal is within bounds and moves of the applied command."""
+    """Any set-point, any applied command.
+
+    Every proposal is within bounds and moves of the applied command.
+    """
     rng = np.random.default_rng(seed)
     loop = Loop()
     loop.applied = Command(force, speed)
@@ -84,7 +90,9 @@ SANE = (2.66, 1052.0, 816.4, 78.4, 407.6, 78.4, 407.6, 2.7, 818.0, 0.1, (False, 
 @example([*[SANE] * 3, (*SANE[:4], 50970.0, *SANE[5:10], (True, False, True), [])])
 @given(st.lists(anything, max_size=25))
 def test_any_input_keeps_the_command_within_the_bounds(ticks):
-    """Any bits in any input, for many ticks; then sane ones find it within the bounds and a move, and soon well.
+    """Any bits in any input, for many ticks.
+
+    Then sane ones find it within the bounds and a move, and soon well.
 
     After drives far out of their bounds that were said to be valid, the estimator needs two
     seconds to come back.
@@ -223,7 +231,10 @@ def test_command_without_sensors_is_within_the_bounds():
 @pytest.mark.parametrize("preset", ["default", "paper"])
 @pytest.mark.parametrize("depth_mm", [2.0, 3.4])
 def test_planned_moves_keep_the_rate_limits_to_the_end_of_the_horizon(preset, depth_mm):
-    """Also in the long intervals beyond 5 s; both inputs go from one end of their range to the other in the plan."""
+    """Also in the long intervals beyond 5 s.
+
+    Both inputs go from one end of their range to the other in the plan.
+    """
     loop = Loop(NmpcController({"preset": preset}))
     lim, beyond = Limits(), 0.0
     for tick in range(60):

@@ -142,7 +142,10 @@ def test_new_horizon_continues_the_plan(tmp_path):
 
 
 def test_failed_horizon_is_reported_and_the_next_change_retries(tmp_path, monkeypatch):
-    """The disk is full once: the old solver works on, the proposals say why, and the next change tries again."""
+    """The disk is full once.
+
+    The old solver works on, the proposals say why, and the next change tries again.
+    """
     errors = []
     loop = Loop()
     loop.controller.use_logger(SimpleNamespace(info=lambda _: None, error=errors.append))

@@ -1,4 +1,7 @@
-"""The deviations that are told along the horizon: those of the estimator, and as large as the errors are."""
+"""The deviations that are told along the horizon.
+
+Those of the estimator, and as large as the errors are.
+"""
 
 import numpy as np
 import pytest

@@ -150,7 +150,10 @@ def test_drive_feedback_takes_precedence_over_the_command():
 
 @pytest.mark.parametrize("drift_sigmas", [0.0, 3.5])
 def test_a_ramp_of_the_depth_sensor_is_followed(drift_sigmas):
-    """0.1 mm in 30 s: a constant offset would stay behind; with the test for drifts the rate is known after seconds."""
+    """0.1 mm in 30 s: a constant offset would stay behind.
+
+    With the test for drifts the rate is known after seconds.
+    """
     watch = Watch(noise=True, tuning=Tuning(estimator=EstimatorTuning(drift_sigmas=drift_sigmas)))
     watch.run(300)
     for tick in range(60):
@@ -240,7 +243,10 @@ def test_eight_hours_of_rest():
 
 
 def test_innovations_have_the_expected_size():
-    """Normalised innovations under nominal noise: about one, neither boastful nor timid, and no jumps are seen."""
+    """Normalised innovations under nominal noise.
+
+    About one, neither boastful nor timid, and no jumps are seen.
+    """
     watch = Watch(noise=True)
     watch.run(6000)
     values = np.array(watch.innovations[1000:])

@@ -1,4 +1,7 @@
-"""Heat that is known beforehand: met before it comes, ignored where it does not come, without effect where absent."""
+"""Heat that is known beforehand.
+
+Met before it comes, ignored where it does not come, without effect where absent.
+"""
 
 from dataclasses import replace
 from math import exp, nan

@@ -1,4 +1,7 @@
-"""The NMPC among real topics: proposal, status and prediction at every tick, parameters at runtime, clean end."""
+"""The NMPC among real topics.
+
+Proposal, status and prediction at every tick, parameters at runtime, clean end.
+"""
 
 import os
 import signal

@@ -15,7 +15,10 @@ P = nominal()
 
 
 def start_from(state, force_kn, speed_rpm):
-    """What a prediction from a state of the process starts from: the model's power without its parabola."""
+    """What a prediction from a state of the process starts from.
+
+    The model's power without its parabola.
+    """
     creep, slow, _, copper, tool, motor = state.x
     x = (creep, slow, copper, tool, motor)
     start = KERNEL.new("fsw_start", x=x, force_kn=force_kn, speed_rpm=speed_rpm)
@@ -27,7 +30,10 @@ def start_from(state, force_kn, speed_rpm):
 
 @pytest.mark.parametrize("dead_time_s", [2.8, 2.85, 1.8, 0.9, 4.0, 10.0])
 def test_prediction_matches_the_process(dead_time_s, rng):
-    """From a moving state, with random moves at every interval: as the process model steps it, the tail included."""
+    """From a moving state, with random moves at every interval.
+
+    As the process model steps it, the tail included.
+    """
     p = P.changed(dead_time_s=dead_time_s)
     model, library = ProcessModel(p), make_library(54, p)
     state, force, speed = model.equilibrium().state.copy(), 78.4, 407.576
@@ -49,7 +55,10 @@ def test_prediction_matches_the_process(dead_time_s, rng):
 
 
 def test_dead_time_is_exact(library, rng):
-    """No move acts on the temperature before 2.8 s; each power of the history arrives when its time has come."""
+    """No move acts on the temperature before 2.8 s.
+
+    Each power of the history arrives when its time has come.
+    """
     h = library.horizon
     start, still = random_start(rng, h, P), np.zeros(2 * h.n_blocks)
     _, temperature, _, by_temperature = predict(library, start, still)

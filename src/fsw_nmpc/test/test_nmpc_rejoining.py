@@ -1,4 +1,7 @@
-"""A controller that starts in mid-weld, while the power is moving: it proposes once it knows the heat."""
+"""A controller that starts in mid-weld, while the power is moving.
+
+It proposes once it knows the heat.
+"""
 
 import pytest
 

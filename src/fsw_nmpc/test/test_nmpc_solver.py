@@ -1,4 +1,7 @@
-"""The library's solver: optimal, within limits, and unshaken by whatever is wrong with a problem."""
+"""The library's solver.
+
+Optimal, within limits, and unshaken by whatever is wrong with a problem.
+"""
 
 import numpy as np
 import pytest
@@ -67,7 +70,10 @@ def test_kkt_residuals(library, rng):
 
 
 def test_no_feasible_point_is_better(library20, rng):
-    """Optimality without duals: random feasible changes never lower the cost of the problem with linear outputs."""
+    """Optimality without duals.
+
+    Random feasible changes never lower the cost of the problem with linear outputs.
+    """
     h = library20.horizon
     largest = np.outer(h.block_reach, [LIMITS.force_step_kn, LIMITS.speed_step_rpm]).ravel()
     for _ in range(4):
@@ -127,7 +133,10 @@ def test_limits_hold_always(library20, seed):
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
 @pytest.mark.parametrize("where", ["state", "history", "band", "start", "scale", "input"])
 def test_bad_numbers_are_refused_and_the_next_solve_is_unaffected(library20, rng, bad, where):
-    """No exception, no hang; the answer is refused, and the next good problem is solved as if nothing had been."""
+    """No exception, no hang.
+
+    The answer is refused, and the next good problem is solved as if nothing had been.
+    """
     good = random_problem(rng, library20, P, Tuning())
     _, expected, _, _ = solve(library20, good, cold(library20))
     problem, moves = random_problem(rng, library20, P, Tuning()), cold(library20)

@@ -1,4 +1,7 @@
-"""Reference trajectories: feasible, consistent in time, early where set-points are known; and the paper's corridors."""
+"""Reference trajectories: feasible, consistent in time, early where set-points are known.
+
+And the paper's corridors.
+"""
 
 import numpy as np
 import pytest
@@ -173,7 +176,10 @@ def test_large_temperature_step_is_limited_by_softening(library):
 
 
 def held_temperature_c(speed_rpm, depth_mm):
-    """The temperature that a speed holds at a depth on the undisturbed process: (17)-(27) at rest."""
+    """The temperature that a speed holds at a depth on the undisturbed process.
+
+    (17)-(27) at rest.
+    """
     p = nominal()
     power_kw = process_torque_nm(p, p.operating_force_kn, depth_mm) * speed_rpm * np.pi / 30_000.0
     return p.operating_temperature_c + p.thermal_gain_c_per_kw * (power_kw - p.operating_power_kw)
@@ -197,7 +203,10 @@ def attainable(library, depth_mm, temperature_c, priority="depth", tuning=None, 
 def test_set_points_beyond_the_speed_give_way_as_the_priority_says(
     library, depth_mm, off_c, to_bound_rpm, priority
 ):
-    """The depth gives way within its quality limit and no more than it has to; the temperature is one that is held."""
+    """The depth gives way within its quality limit and no more than it has to.
+
+    The temperature is one that is held.
+    """
     bound_rpm = REST_RPM + np.copysign(to_bound_rpm, off_c)
     bounds = {"speed_min_rpm" if off_c < 0.0 else "speed_max_rpm": bound_rpm}
     held = held_temperature_c(bound_rpm, depth_mm)
@@ -295,7 +304,10 @@ def test_way_back_into_reach_is_that_from_the_attainable_temperature(
 
 
 def test_shallower_tool_at_a_bound_cools_as_its_path_says(library):
-    """The force that lifts the tool takes heat: the path has it, so the plan follows both paths at the highest speed."""
+    """The force that lifts the tool takes heat.
+
+    The path has it, so the plan follows both paths at the highest speed.
+    """
     wide = Tuning(quality_temperature_min_c=0.0, quality_temperature_max_c=2000.0)
     _, (depth, temperature), _ = trajectories(
         library, depth_mm=2.56, tuning=wide, limits=Limits(speed_max_rpm=REST_RPM)

@@ -112,7 +112,7 @@ class Watchdog(Model):
 
 
 class PlantParameters(NodeParameters):
-    """Parameters of the plant: its own, a factor on each parameter of the model, and the canister's."""
+    """Parameters of the plant, a factor on each parameter of the model, and the canister's."""
 
     autostart: Annotated[bool, AT_START] = True
     """Configure and activate on start-up; if false, wait for lifecycle transitions."""

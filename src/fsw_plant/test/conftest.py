@@ -1,4 +1,7 @@
-"""Fixtures: the plant's node and a peer in a DDS domain of their own; what stands for a reduced canister."""
+"""Fixtures: the plant's node and a peer in a DDS domain of their own.
+
+What stands for a reduced canister.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +65,10 @@ class Graph(Spinner):
 
 
 class Peer:
-    """Hears everything that the plant publishes; ``answer(number, stamp)`` is called when a tick is complete."""
+    """Hears everything that the plant publishes.
+
+    ``answer(number, stamp)`` is called when a tick is complete.
+    """
 
     def __init__(self, node, answer):
         from diagnostic_msgs.msg import DiagnosticArray
@@ -102,7 +108,10 @@ class Peer:
             self.answer(len(self.got["temperature"]), message.header.stamp)
 
     def command(self, stamp, force_kn=78.4, speed_rpm=407.576, source="test", healthy=True):
-        """Publish a command that answers the measurement of a stamp; ``stop`` is the copy of the stop register."""
+        """Publish a command that answers the measurement of a stamp.
+
+        ``stop`` is the copy of the stop register.
+        """
         from fsw_control import Command
         from fsw_control.messages_ros import command_message, sign, stamp_ns
 
@@ -133,7 +142,10 @@ def graph(domain_id):
 
 
 class Block(CanisterTables):
-    """A canister that is a block without losses: one state, the heat in it [kJ]; notes how the tool moves."""
+    """A canister that is a block without losses: one state, the heat in it [kJ].
+
+    Notes how the tool moves.
+    """
 
     def __init__(self):
         p, grid_c = CanisterParameters(), np.array([-73.0, 1500.0])

@@ -1,4 +1,7 @@
-"""The process on a canister: what takes the place of (16), the tool's path, the programme, the start."""
+"""The process on a canister.
+
+What takes the place of (16), the tool's path, the programme, the start.
+"""
 
 from dataclasses import replace
 from math import exp

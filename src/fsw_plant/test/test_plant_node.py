@@ -184,7 +184,9 @@ def test_refused_commands_are_counted_and_lockstep_continues(graph):
 
 
 def test_lockstep_waits_for_a_player_while_there_is_one(graph, monkeypatch):
-    """What a player sends before a tick, is heard before it: else the same scenario would not give the same weld.
+    """What a player sends before a tick, is heard before it.
+
+    Else the same scenario would not give the same weld.
 
     When it leaves, the weld may be over: before the plant is ended, all must have arrived.
     """
@@ -421,7 +423,10 @@ def test_watchdog_holds_and_ramps_until_that_is_acknowledged(graph):
     assert stop.epoch > 0 and stop.cause == Stop.WATCHDOG
 
     def commanded(source, condition):
-        """Command until a condition holds; a command to a measurement that is too old is refused."""
+        """Command until a condition holds.
+
+        A command to a measurement that is too old is refused.
+        """
 
         def holds():
             peer.command(peer.got["depth"][-1].header.stamp, 70.0, 410.0, source)

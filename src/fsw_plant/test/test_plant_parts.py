@@ -222,7 +222,10 @@ def test_random_disturbance_is_seeded_and_has_its_size():
 
 
 def passed(kind, magnitude=0.0, duration_s=0.0, ticks=8):
-    """What a sensor sends at each tick with a fault from tick 3 on: its healthy values are 100 + tick."""
+    """What a sensor sends at each tick with a fault from tick 3 on.
+
+    Its healthy values are 100 + tick.
+    """
     fault, sent, last = Fault("depth", kind, magnitude, duration_s, 0.3), [], None
     for tick in range(ticks):
         sample = Sample(tick, 100.0 + tick)

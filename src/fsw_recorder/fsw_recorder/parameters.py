@@ -56,8 +56,8 @@ class RecorderParameters(NodeParameters):
     """Write manifest.json into the bag's folder when a file is closed: SHA-256 of the files and
     their chunks."""
     signing_key: Annotated[str, AT_START] = ""
-    """Private key of the machine, made with 'ssh-keygen -t ed25519 -N ""', that signs manifest.json when the
-    bag is closed; empty: it is not signed."""
+    """Private key of the machine, made with 'ssh-keygen -t ed25519 -N ""', that signs
+    manifest.json when the bag is closed; empty: it is not signed."""
     start_paused: Annotated[bool, AT_START] = False
     """Record nothing until ~/resume is called."""
     scenario: Annotated[str, AT_START] = ""

@@ -20,7 +20,10 @@ __all__ = ["domain_id", "genuine", "genuine_bag", "weld_bag"]
 
 @pytest.fixture
 def graph(domain_id: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
-    """A ROS graph of its own: a DDS domain that no other test uses, with one node of the test in it."""
+    """A ROS graph of its own.
+
+    A DDS domain that no other test uses, with one node of the test in it.
+    """
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     graph = Graph(domain_id)
     yield graph

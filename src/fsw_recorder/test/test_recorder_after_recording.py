@@ -83,7 +83,10 @@ def test_readers_wait_for_running_commands_except_from_within(
 
 @pytest.mark.slow
 def test_the_recorder_starts_it_and_ends_at_once(graph: Any, tmp_path: Path) -> None:
-    """The bag is finished, with its manifest, when the command begins; the command outlives the recorder."""
+    """The bag is finished, with its manifest, when the command begins.
+
+    The command outlives the recorder.
+    """
     bag, done = tmp_path / "bag", tmp_path / "done.txt"
     code = (
         "import os, sys; open(sys.argv[2], chr(119)).write(str(sorted(os.listdir(sys.argv[1]))))"

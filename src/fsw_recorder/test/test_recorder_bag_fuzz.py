@@ -54,7 +54,10 @@ def bounded_memory(limit: int = 64 * 1024 * 1024) -> Iterator[None]:
 
 
 def read(path: Path, content: bytes | None = None) -> list[BagRecord] | None:
-    """Everything that the tools do with a bag, written first of ``content``; None when it is refused."""
+    """Everything that the tools do with a bag, written first of ``content``.
+
+    None when it is refused.
+    """
     if content is not None:
         path.write_bytes(content)
     try:

@@ -130,7 +130,10 @@ def test_bags_compressed_by_message_or_file(
 
 @pytest.mark.parametrize("kind", [".mcap", ".db3"])
 def test_compressed_files_need_no_metadata(genuine: Path, tmp_path: Path, kind: str) -> None:
-    """A file alone; all of a recorder that was killed, whose last file is not compressed yet; one that is cut off."""
+    """A file alone; all of a recorder that was killed, whose last file is not compressed yet.
+
+    One that is cut off.
+    """
     parts = {
         ".mcap": sorted((genuine / "mcap_split").glob("*.mcap")),
         ".db3": [genuine / "sqlite3" / "sqlite3_0.db3"],
@@ -175,7 +178,10 @@ def test_compressed_file_that_is_cut_off_is_read_up_to_there(tmp_path: Path) -> 
 def test_messages_in_the_write_ahead_log_of_a_killed_recorder_are_read(
     genuine: Path, tmp_path: Path, in_the_file: int
 ) -> None:
-    """As rosbag2's preset ``resilient`` leaves them; the bag itself may be where nobody can write."""
+    """As rosbag2's preset ``resilient`` leaves them.
+
+    The bag itself may be where nobody can write.
+    """
     whole, killed = genuine / "sqlite3" / "sqlite3_0.db3", tmp_path / "killed.db3"
     source, writer = (
         sqlite3.connect(whole),

@@ -217,7 +217,10 @@ def test_folder_that_cannot_be_made(tmp_path: Path) -> None:
 
 
 class FullDisk:
-    """Stands for ``os.write`` on a disk with little room; what does not fit is written in part, as on a real one."""
+    """Stands for ``os.write`` on a disk with little room.
+
+    What does not fit is written in part, as on a real one.
+    """
 
     def __init__(self, room: int) -> None:
         self.room = room
@@ -384,7 +387,10 @@ def test_topic_without_description(tmp_path: Path) -> None:
 
 
 def test_topic_keeps_its_first_description(tmp_path: Path) -> None:
-    """Readers match channels with the metadata by QoS; a change on the way would hide messages from them."""
+    """Readers match channels with the metadata by QoS.
+
+    A change on the way would hide messages from them.
+    """
     with BagWriter(tmp_path / "bag") as writer:
         fill(writer, 5)
         assert writer.flush()

@@ -52,7 +52,10 @@ def talk(graph: Any, publisher: Any, number: int, first: int = 0) -> None:
 
 
 def until_recorded(graph: Any, bag: Path, depths: int, topic: str = "/fsw/depth") -> None:
-    """Until so many messages are on file; there may be no file yet, or an empty one. Read when it has grown."""
+    """Until so many messages are on file; there may be no file yet, or an empty one.
+
+    Read when it has grown.
+    """
     sizes: list[int] = []
 
     def recorded() -> bool:
@@ -348,7 +351,10 @@ def test_kill_minus_nine_loses_at_most_a_second(graph: Any, tmp_path: Path) -> N
         sent.append(time.time_ns())
 
     def lost_now() -> int:
-        """Messages of more than a second ago that would be lost; where the machine stands still, there may be some."""
+        """Messages of more than a second ago that would be lost.
+
+        Where the machine stands still, there may be some.
+        """
         now = time.time_ns()  # before the file, which grows while it is read
         file = bag / "bag_0.mcap"
         size = file.stat().st_size if file.exists() else 0

@@ -27,7 +27,10 @@ class PlayerParameters(NodeParameters):
 
 
 class ProcedureParameters(NodeParameters):
-    """Parameters of the node that reports when a running weld leaves its procedure; it commands nothing."""
+    """Parameters of the node that reports when a running weld leaves its procedure.
+
+    It commands nothing.
+    """
 
     procedure: Annotated[str, AT_START] = "copper_lid"
     """Welding procedure: YAML file, or name of a shipped one."""

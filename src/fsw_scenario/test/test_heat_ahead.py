@@ -1,4 +1,7 @@
-"""A heat profile on the way of a programme: by the tool's place, not by time; and in the closed loop."""
+"""A heat profile on the way of a programme: by the tool's place, not by time.
+
+And in the closed loop.
+"""
 
 import numpy as np
 import pytest

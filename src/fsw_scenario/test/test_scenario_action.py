@@ -1,4 +1,7 @@
-"""The action fsw/run_weld: goals, feedback, cancellation and results of a player that waits for them."""
+"""The action fsw/run_weld.
+
+Goals, feedback, cancellation and results of a player that waits for them.
+"""
 
 import json
 from math import isnan

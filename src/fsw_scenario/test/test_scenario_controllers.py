@@ -1,4 +1,7 @@
-"""The registry of controllers: one of a user's own is found, and what is wrong with one is told."""
+"""The registry of controllers.
+
+One of a user's own is found, and what is wrong with one is told.
+"""
 
 import sys
 

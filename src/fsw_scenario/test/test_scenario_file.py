@@ -57,7 +57,8 @@ def test_ramp_is_linear_from_its_event_to_its_goal():
 
 def test_interrupted_ramp_continues_from_the_present_value():
     scenario = _scenario(
-        "[{at_s: 1.0, reference: {depth_mm: 2.96, over_s: 3.0}}, {at_s: 2.5, reference: {temperature_c: 851}}]"
+        "[{at_s: 1.0, reference: {depth_mm: 2.96, over_s: 3.0}}, {at_s: 2.5, "
+        "reference: {temperature_c: 851}}]"
     )
     changes = timeline.references(scenario, START)
     last = changes[max(changes)]
@@ -68,7 +69,8 @@ def test_interrupted_ramp_continues_from_the_present_value():
 
 def test_sine_swings_about_the_set_point_until_the_next_event():
     scenario = _scenario(
-        "[{at_s: 1.0, reference: {sine: {depth_mm: 0.1, period_s: 4.0}}}, {at_s: 6.0, reference: {depth_mm: 2.7}}]"
+        "[{at_s: 1.0, reference: {sine: {depth_mm: 0.1, period_s: 4.0}}}, {at_s: 6.0, "
+        "reference: {depth_mm: 2.7}}]"
     )
     changes = timeline.references(scenario, START)
     assert changes[20].depth_mm == pytest.approx(2.76)
@@ -127,7 +129,8 @@ BAD = [
         "lacks magnitude_mm",
     ),
     (
-        "name: x\nduration_s: 5\nevents: [{at_s: 1, fault: {sensor: depth, kind: nan, magnitude_mm: 1}}]",
+        "name: x\nduration_s: 5\nevents: [{at_s: 1, fault: {sensor: depth, kind: nan, "
+        "magnitude_mm: 1}}]",
         "does not use",
     ),
     (

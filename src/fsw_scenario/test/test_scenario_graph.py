@@ -68,7 +68,10 @@ def test_further_parameters_are_merged_and_companions_not_waited_for(
 
 
 class EndedWeld:
-    """A launcher of processes whose weld has been played to its end; ``codes`` are exit codes other than 0."""
+    """A launcher of processes whose weld has been played to its end.
+
+    ``codes`` are exit codes other than 0.
+    """
 
     def __init__(self, finished=True, **codes):
         self.children, self.codes, self.log_folder = {}, codes, Path("log")

@@ -78,7 +78,8 @@ def test_a_discovery_server_is_not_used(modules, tmp_path, monkeypatch):
 def test_arguments_environment_and_exit_code(modules, tmp_path):
     modules(
         "child_a",
-        "import os, sys\ndef main():\n    print(sys.argv[1:], os.environ['ROS_DOMAIN_ID'])\n    return 3\n",
+        "import os, sys\ndef main():\n    print(sys.argv[1:], "
+        "os.environ['ROS_DOMAIN_ID'])\n    return 3\n",
     )
     with Launcher(tmp_path / "log", 77) as launcher:
         child = launcher.start("a", "child_a", ["x", "y"])

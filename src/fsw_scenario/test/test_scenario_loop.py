@@ -167,7 +167,10 @@ def test_announced_set_points_are_prepared_for():
 
 @pytest.mark.slow
 def test_withdrawn_or_ignored_announcement_causes_no_bump():
-    """A plan appears, is changed and taken back while the weld rests; the moves stay those of an approach."""
+    """A plan appears, is changed and taken back while the weld rests.
+
+    The moves stay those of an approach.
+    """
     controller, limits = make("nmpc"), Limits()
     applied = Command(78.4, 407.576)
     controller.reset(applied)

@@ -1,4 +1,7 @@
-"""The open-loop controller as a node: what it proposes is what its scenario commands, whatever is measured."""
+"""The open-loop controller as a node.
+
+What it proposes is what its scenario commands, whatever is measured.
+"""
 
 import signal
 import subprocess

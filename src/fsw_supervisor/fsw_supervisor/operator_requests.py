@@ -114,6 +114,8 @@ class OperatorRequests:
             known = tuple(OPERATOR_TRIGGERS)
             return Answer.refused(Code.UNKNOWN_MODE, mode=mode[:40], known=known)
         requested = Mode(mode)
+        # A safe stop is never refused. Any other mode needs the cause gone and an acknowledgement:
+        # two actions, so that no single slip of an operator raises the force again.
         if requested is not Mode.SAFE_STOP:
             if why_stop := self.safety.why_stop():
                 return Answer(False, why_stop)
@@ -132,6 +134,7 @@ class OperatorRequests:
                 return Answer(False, self._not_ready(machine.target))
         machine.set_target(mode=requested)
         if requested is machine.mode:
+            # a new epoch, so that no acknowledgement of the stop before covers this request
             if machine.register.stopped:
                 machine.stop_again(who)
             machine.renew()
@@ -157,6 +160,7 @@ class OperatorRequests:
         if why_stop := self.safety.why_stop(acknowledged=True):
             self.machine.log(Level.WARN, who, Code.ACKNOWLEDGE_REFUSED, answer=why_stop)
             return Answer(False, why_stop)
+        # The actuator end may have begun a stop of its own, which this would acknowledge unseen.
         if self.machine.reported not in (None, self.machine.register.value):
             return Answer.refused(Code.STOP_UNCONFIRMED)
         self.safety.readmit(who)

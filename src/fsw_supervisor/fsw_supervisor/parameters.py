@@ -29,7 +29,10 @@ def may_be_controller(name: str) -> bool:
 
 
 class InterlockLimits(Model):
-    """Limits of one interlock; the kind of a name that ends in ``_low`` has the trip below the warning."""
+    """Limits of one interlock.
+
+    The kind of a name that ends in ``_low`` has the trip below the warning.
+    """
 
     low: ClassVar[bool]
     warn: float

@@ -66,6 +66,8 @@ class Persistence:
         if not shown:
             self.values, self.age_s = 0, 0.0
             return
+        # The first value covers a period, not the time since the one before, which did not meet
+        # the condition: after a gap a single sample must not count for the whole gap.
         self.age_s = min(self.age_s + (elapsed_s if self.values else period_s), _LONGEST_S)
         self.values = min(self.values + 1, _FEWEST_VALUES)
 
@@ -87,6 +89,8 @@ class Interlock:
 
     def level(self, value: float, present: Severity) -> Severity:
         """Level that ``value`` means when the level is ``present``."""
+        # The sign turns a guard against low values into one against high ones. Hysteresis holds
+        # a level that is there but never raises one, so that noise at a limit does not toggle it.
         sign = 1.0 if self.trip > self.warn else -1.0
         excess_warn, excess_trip = sign * (value - self.warn), sign * (value - self.trip)
         if excess_trip >= 0.0 or (present is Severity.TRIP and excess_trip > -self.hysteresis):
@@ -106,7 +110,10 @@ def interlocks_from(values: Mapping[str, Any]) -> tuple[Interlock, ...]:
 
 
 class Blindness:
-    """Sum of the time each sensor was invalid under automatic control; it decays ten times as slowly."""
+    """Sum of the time each sensor was invalid under automatic control.
+
+    It decays ten times as slowly.
+    """
 
     def __init__(self) -> None:
         self.limit_s = 0.0
@@ -122,6 +129,8 @@ class Blindness:
         passed_s = 0.0 if self._last_ns is None else (now_ns - self._last_ns) / NANOSECONDS
         passed_s = min(max(passed_s, 0.0), _LONGEST_TICK_S)
         self._last_ns = now_ns
+        # Summed, not restarted at each good sample: a sensor that fails every other second would
+        # never reach a limit on one stretch. Forgiving a tenth keeps rare dropouts from adding up.
         for name, sum_s in self._sum_s.items():
             if name not in invalid:
                 self._sum_s[name] = max(sum_s - _FORGIVEN_SHARE * passed_s, 0.0)
@@ -235,9 +244,9 @@ class SafetyMonitor:
         )
 
     def judge(self, tick: Tick, acting: Command | None) -> Tick:
-        """Judge the samples of a tick; return it with what is missing. A trip leads to a safe stop.
+        """Judge the samples of a tick; a trip leads to a safe stop.
 
-        ``acting``: force and speed that act.
+        ``acting``: force and speed that act. Returns the tick with the sensors that it lacks.
         """
         before, reasons = self.invalid_sensors, self._guard.reasons
         self.judged = True
@@ -265,6 +274,8 @@ class SafetyMonitor:
             "depth_deviation_mm": tick.depth_deviation_mm,
             "power_kw": kw_from_w(measurement.torque_nm * rad_s_from_rpm(measurement.speed_rpm)),
         }
+        # A rejected sample may be the truth all the same: beyond a trip it counts, so that a worse
+        # fault never leads to a later stop (requirement S36). NaN says nothing.
         rejected = {
             SENSORS[name].signal: value
             for name, value in tick.samples.items()
@@ -291,7 +302,9 @@ class SafetyMonitor:
             cause, shown = f"{name}_jump", samples.get(name, nan)
             data = {"interlock": cause, "quantity": SENSORS[name].signal}
             fact = Fact.of(Code.SENSOR_JUMPED, **data, value=shown, last_good=last_good)
+            # the first fact stays: it has the value with which the sensor jumped
             self._standing[cause] = before.get(cause, fact)
+        # In manual the operator watches, and a time-out of its own ends it (BLIND_TIMEOUT).
         if self._is_automatic or self._machine.mode is Mode.SAFE_STOP:
             for name in self._blindness.exceeded:
                 cause = f"{name}_blind"
@@ -306,7 +319,7 @@ class SafetyMonitor:
                 self._machine.log(Level.INFO, "interlock", Code.CLEARED, interlock=cause)
 
     def _since_judged_s(self) -> float:
-        """Time since the last tick that was judged; one tick period for the first, and after a gap."""
+        """Time since the last judged tick; one tick period for the first, and after a gap."""
         before_ns, self._judged_ns = self._judged_ns, self._machine.time_ns
         elapsed_s = inf if before_ns is None else (self._machine.time_ns - before_ns) / NANOSECONDS
         return elapsed_s if elapsed_s <= GAP_S else self._machine.settings.tick_period_s
@@ -318,7 +331,9 @@ class SafetyMonitor:
         rejected: Mapping[str, float] | None = None,
         elapsed_s: float = weld.TICK_S,
     ) -> None:
-        """Compare values by quantity with the interlocks; a missing or non-finite value changes nothing.
+        """Compare values by quantity with the interlocks.
+
+        A missing or non-finite value changes nothing.
 
         ``rejected`` are samples that are not valid: one beyond a trip, infinity too, counts as
         such, any other changes nothing.
@@ -361,6 +376,8 @@ class SafetyMonitor:
             free.note(stopped and shown is not Severity.TRIP, elapsed_s, period_s)
             if free.reaches(limit_s, period_s):
                 self._was_free.add(item.name)
+        # Levels are nested: a value at trip is also one at warning. So the run of a level counts
+        # values at it or worse, and one trip value among warnings does not restart the warning.
         for level in _ORDER:
             runs[level].note(shown >= level, elapsed_s, period_s)
         leaves = present is Severity.TRIP and shown is not Severity.TRIP

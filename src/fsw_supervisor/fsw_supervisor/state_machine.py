@@ -168,6 +168,7 @@ class Machine:
         if self.tick == 1:
             self.mode_since_ns = self._origin_ns = time_ns - period_ns
         self.time_ns = max(time_ns, self.time_ns)
+        # differences of rounded times since the origin, so that roundings do not add up
         before, self._periods = self._periods, round((self.time_ns - self._origin_ns) / period_ns)
         self.step_s = (self._periods - before) * self.settings.tick_period_s
 
@@ -202,6 +203,8 @@ class Machine:
 
         ``controller`` becomes active if the transition leads to auto.
         """
+        # The register is above the table: while it says stopped no trigger leads elsewhere,
+        # whatever requests or controllers' returns were under way when the stop came.
         target = next_mode(self.mode, trigger)
         if target is None or (self.register.stopped and target is not Mode.SAFE_STOP):
             return
@@ -283,6 +286,8 @@ class Machine:
 
     def mirror(self, source: str) -> None:
         """On standby: adopt the mode implied by the source of the leader's command."""
+        # A command names its source: a mode of its own, else the active controller in auto. The
+        # cause is in the leader's slower report, and taken only if that is of the same state.
         mode = Mode(source) if source in BUILT_IN_SOURCES else Mode.AUTO
         if self.register.stopped:
             mode = Mode.SAFE_STOP

@@ -157,7 +157,9 @@ class Rig:
 
 
 class Leader:
-    """A supervisor alone with plant and controllers; time passes with it running (``run``) or held up (``sleep``).
+    """A supervisor alone with plant and controllers.
+
+    Time passes with it running (``run``) or held up (``sleep``).
 
     Attributes
     ----------

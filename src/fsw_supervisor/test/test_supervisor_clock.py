@@ -1,4 +1,7 @@
-"""The clock of the measurements steps, repeats or stands: commands continue, or a named cause leads to a safe stop."""
+"""The clock of the measurements steps, repeats or stands.
+
+Commands continue, or a named cause leads to a safe stop.
+"""
 
 from itertools import pairwise
 
@@ -113,7 +116,10 @@ def test_pause_without_samples_is_not_a_clock_fault(stream):
 
 @st.composite
 def disturbed_streams(draw):
-    """Samples as (arrival, source, stamp): the clock steps or stands, samples are late or come twice."""
+    """Samples as (arrival, source, stamp).
+
+    The clock steps or stands, samples are late or come twice.
+    """
     clock_ns, samples = 10**15, []
     ready_s = dict.fromkeys(("drives", *VALUES), 0.0)
     for count in range(draw(st.integers(20, 60))):

@@ -1,4 +1,7 @@
-"""Sensors compared with each other: what the residuals show of faults, and that wear and other plants do not count."""
+"""Sensors compared with each other.
+
+What the residuals show of faults, and that wear and other plants do not count.
+"""
 
 import math
 

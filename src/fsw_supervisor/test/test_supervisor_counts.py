@@ -1,4 +1,7 @@
-"""What is counted and reported of each controller: good, late, missing, doubled and refused proposals."""
+"""What is counted and reported of each controller.
+
+Good, late, missing, doubled and refused proposals.
+"""
 
 import pytest
 

@@ -1,4 +1,7 @@
-"""The plant is stopped or started again: messages come late, in bursts and in any order across topics."""
+"""The plant is stopped or started again.
+
+Messages come late, in bursts and in any order across topics.
+"""
 
 import itertools
 
@@ -73,7 +76,10 @@ def feed(rig, request):
 
 
 def test_stopped_between_the_drives_and_the_sensors(feed):
-    """The rest of the tick comes with the next one; who answers it at once is late, who needs longer is not."""
+    """The rest of the tick comes with the next one.
+
+    Who answers it at once is late, who needs longer is not.
+    """
     feed.drives()
     feed.pause(1.5)
     assert feed.out[-1].source == "hold"
@@ -237,7 +243,10 @@ def test_a_controller_that_dies_is_replaced_in_the_same_tick_and_with_a_sensor_l
 @pytest.mark.parametrize("push", [Command(4.0, 0.0), Command(-4.0, 9.0), Command(0.4, -1.0)])
 @pytest.mark.parametrize("ramped_kn", [0.0, 3.0])
 def test_external_load_is_not_taken_for_a_command(feed, push, ramped_kn):
-    """The drives report an input disturbance, before the gap and after it; the plant may have lowered the force."""
+    """The drives report an input disturbance, before the gap and after it.
+
+    The plant may have lowered the force.
+    """
     commanded = feed.acting
     pushed = Command(commanded.force_kn + push.force_kn, commanded.speed_rpm + push.speed_rpm)
     for _ in range(5):
@@ -298,7 +307,10 @@ def test_holding_at_the_start_does_not_chase_the_drives(make_rig):
 
 @pytest.mark.requirement("S9")
 def test_after_a_stall_measurements_that_are_missing_count_as_a_gap(leader):
-    """Its queues have kept the first measurements only; what is in force is read from the drives."""
+    """Its queues have kept the first measurements only.
+
+    What is in force is read from the drives.
+    """
     leader.sleep(2.0)
     leader.measure()
     leader.stamp_ns += 2_000_000_000

@@ -1,4 +1,7 @@
-"""A leader that was held up: the actuator end refuses what it sends if another one has taken over meanwhile."""
+"""A leader that was held up.
+
+The actuator end refuses what it sends if another one has taken over meanwhile.
+"""
 
 import pytest
 

@@ -1,4 +1,7 @@
-"""What is known of the command in force: own and foreign commands, and the offset between drive and command."""
+"""What is known of the command in force.
+
+Own and foreign commands, and the offset between drive and command.
+"""
 
 import pytest
 
@@ -94,7 +97,10 @@ def test_takeovers_to_and_fro_on_a_busy_computer_are_no_foreign_writer() -> None
 
 
 def learnt(*differences, follows=20):
-    """The offset of a drive that has followed for some ticks and then shows these differences; one move is 1."""
+    """The offset of a drive that has followed for some ticks and then shows these differences.
+
+    One move is 1.
+    """
     offset = DriveOffset()
     for difference in (0.0,) * follows + differences:
         offset.learn(difference, 1.0)

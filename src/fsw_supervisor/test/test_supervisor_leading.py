@@ -22,7 +22,10 @@ def answer(standby, source="nmpc", command=HELD, signature=OTHER):
 
 @pytest.mark.parametrize(("others", "listens_s"), [(False, 0.25), (True, 1.0)])
 def test_it_leads_when_it_has_heard_of_nobody_for_a_while(make_leader, others, listens_s):
-    """Longer while somebody else publishes commands: perhaps a leader that has not been heard yet."""
+    """Longer while somebody else publishes commands.
+
+    Perhaps a leader that has not been heard yet.
+    """
     leader = make_leader()
     leader.failover.rival_writer = others
     assert leader.failover.wakeup_s == pytest.approx(leader.now_s + listens_s)
@@ -390,7 +393,10 @@ def test_in_lockstep_a_standby_is_more_patient_after_a_takeover(make_leader):
 
 @pytest.mark.requirement("S9")
 def test_in_lockstep_an_answer_that_reached_the_standby_alone_is_given_again(make_leader):
-    """Of a leader that was killed between the one and the other: the plant sends its tick again."""
+    """Of a leader that was killed between the one and the other.
+
+    The plant sends its tick again.
+    """
     standby = make_leader(
         standby=True, lockstep=True, lockstep_deadline_s=30.0, lockstep_shadow_wait_s=30.0
     )
@@ -412,7 +418,10 @@ def test_in_lockstep_an_answer_that_reached_the_standby_alone_is_given_again(mak
 @pytest.mark.requirement("S9")
 @pytest.mark.parametrize("first", [None, "depth"])
 def test_in_lockstep_the_tick_that_stood_when_a_leader_was_killed_is_answered(make_leader, first):
-    """Whatever of its measurement comes first: a sample, or the report which names the leader that is dead."""
+    """Whatever of its measurement comes first.
+
+    A sample, or the report which names the leader that is dead.
+    """
     fresh = make_leader(lockstep=True, lockstep_deadline_s=30.0, lockstep_shadow_wait_s=30.0)
     fresh.fence.check(OTHER, "nmpc")
     fresh.fence.take("nmpc", fresh.stamp_ns)

@@ -15,7 +15,10 @@ SAMPLES = {"depth": 2.66, "torque": 1050.0, "thermocouple": 850.0}
 
 
 class Ticks:
-    """Ticks of an arbiter with two controllers; ``proposals_first`` is one order of the messages, else the other."""
+    """Ticks of an arbiter with two controllers.
+
+    ``proposals_first`` is one order of the messages, else the other.
+    """
 
     def __init__(self):
         self.arbiter = Arbiter(

@@ -1,4 +1,7 @@
-"""Whatever comes in whatever order: each tick gets exactly one command, finite, in limits, in rate, of true source."""
+"""Whatever comes in whatever order.
+
+Each tick gets exactly one command, finite, in limits, in rate, of true source.
+"""
 
 from __future__ import annotations
 
@@ -102,7 +105,10 @@ class ArbiterMachine(RuleBasedStateMachine):
         tolerant=st.booleans(),
     )
     def tick(self, step_s, how, when, seen, force, speed, asleep, tolerant):
-        """One measurement and what the controllers make of it; ``asleep``: the arbiter's timer does not run."""
+        """One measurement and what the controllers make of it.
+
+        ``asleep``: the arbiter's timer does not run.
+        """
         self.calm = 0 if step_s > 1.0 else self.calm + 1
         self.now_s += step_s
         self.stamp_ns += STEP_NS

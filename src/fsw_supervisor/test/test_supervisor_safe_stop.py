@@ -342,7 +342,10 @@ def test_a_good_sample_that_is_held_frees_no_safe_stop(rig):
 @pytest.mark.parametrize("drives", [True, False])
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_restart_keeps_the_safe_stop(make_rig, why, drives, lockstep):
-    """The controllers have seen whose command is in force; a cause that is still there need not be believed anew."""
+    """The controllers have seen whose command is in force.
+
+    A cause that is still there need not be believed anew.
+    """
     rig = make_rig(lockstep=lockstep)
     for _ in range(15):
         rig.tick()

@@ -1,4 +1,7 @@
-"""Sensors that fail: the worse the fault, the sooner the stop; jumps and blindness are causes of their own."""
+"""Sensors that fail: the worse the fault, the sooner the stop.
+
+Jumps and blindness are causes of their own.
+"""
 
 import itertools
 import math

@@ -63,7 +63,10 @@ class Member:
 
 
 class World:
-    """Plant with its fence, controllers and wires; obeys the first command of each stamp, as the plant does."""
+    """Plant with its fence, controllers and wires.
+
+    Obeys the first command of each stamp, as the plant does.
+    """
 
     def __init__(self, settings=None):
         self.settings = settings if settings is not None else SupervisorParameters.from_values({})

@@ -1,4 +1,7 @@
-"""The state that an operator sees: how a transition is told, what counts as a swap, and the settings behind it."""
+"""The state that an operator sees.
+
+How a transition is told, what counts as a swap, and the settings behind it.
+"""
 
 import pytest
 

@@ -1,4 +1,7 @@
-"""Ticks one by one: gaps, time-outs, what is counted, and what a standby takes over from the leader."""
+"""Ticks one by one.
+
+Gaps, time-outs, what is counted, and what a standby takes over from the leader.
+"""
 
 from math import isnan
 

@@ -1,4 +1,7 @@
-"""Bags that genuine ROS 2 recorded and the bag of a made-up weld, as fixtures; decoded messages."""
+"""Bags that genuine ROS 2 recorded and the bag of a made-up weld, as fixtures.
+
+Decoded messages.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,10 @@ def weld_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def decoder(reader: BagReader) -> Callable[[BagRecord], Any]:
-    """Makes messages of a bag's records, by its definitions or the installed ones; a `BagError` when one is damaged."""
+    """Makes messages of a bag's records, by its definitions or the installed ones.
+
+    A `BagError` when one is damaged.
+    """
     topics, definitions = reader.topics(), Definitions()
 
     def message(record: BagRecord) -> Any:

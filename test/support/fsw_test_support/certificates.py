@@ -26,7 +26,9 @@ def make(
     days: int = 365,
     start: datetime | None = None,
 ) -> tuple[Path, Path]:
-    """Make a key and a self-signed certificate for tests: ``<name>.der`` and ``<name>_key.pem`` in ``folder``.
+    """Make a key and a self-signed certificate for tests.
+
+    ``<name>.der`` and ``<name>_key.pem`` in ``folder``.
 
     Parameters
     ----------

@@ -25,7 +25,10 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int | str 
 def replaces_nothing(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: Sequence[str]
 ) -> None:
-    """A command refuses to replace files without --force; ``{bag}``, ``{file}`` ... in its words stand for paths."""
+    """A command refuses to replace files without --force; ``{bag}``, ``{file}`` ...
+
+    in its words stand for paths.
+    """
     write_sample_weld(tmp_path / "bag", 50)
     files = [
         tmp_path / name

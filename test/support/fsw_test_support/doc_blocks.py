@@ -2,16 +2,16 @@
 
 Each page has a folder of its own in which its blocks run one after the other, as a reader would
 type them. Its Python is one program. A block with a title is that file. A comment before a block
-says which test checks what cannot run, that it takes minutes, or what the reader has done elsewhere (``$SHARED``
-is a folder of all pages)::
+says which test checks what cannot run, that it takes minutes, or what the reader has done
+elsewhere (``$SHARED`` is a folder of all pages)::
 
     <!-- checked by: test/test_ros2_commands.py -->
     <!-- takes minutes -->
     <!-- before: scripts/fsw.py simulate quick --bag --out $SHARED/weld -->
 
-The lines of a block marked ``<!-- stays up, ready: TEXT -->`` each run in a terminal of their own, in
-the page's ROS domain. They are up while the other blocks of the page's section run, and end with
-Ctrl-C.
+The lines of a block marked ``<!-- stays up, ready: TEXT -->`` each run in a terminal of their own,
+in the page's ROS domain. They are up while the other blocks of the page's section run, and end
+with Ctrl-C.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ LINKED = ("scripts", "src", "lab", "quality", "test", "examples", "benchmarks", 
 #: ends within half an hour.
 MINUTES = {
     *("bags", "campaigns", "canister-heat", "canister-weld", "evidence", "history"),
-    *("identify", "learn-heat", "record"),
+    *("identify", "learn", "record"),
 }
 _COMMAND = re.compile(
     r"(\S*/)?(python3?|fsw|pip) |\S*/\S+\.py |(sed|echo|head|env|cmake|ros2|rosdep|colcon|fsw\.py) "
@@ -98,7 +98,10 @@ class Block:
 
 
 def _commands(text: str) -> str:
-    """The commands of a shell's block: lines after a prompt, or all that call a program of ours."""
+    """The commands of a shell's block.
+
+    Lines after a prompt, or all that call a program of ours.
+    """
     lines = text.replace("\\\n", " ").splitlines()
     prompted = [line[2:] for line in lines if line.startswith("$ ")]
     return "\n".join(prompted or [line for line in lines if _COMMAND.match(line)])
@@ -243,7 +246,10 @@ class Page:
         self._held.close()
 
     def run(self, block: Block) -> str:
-        """Run a block; the end of its output where it does not end as the page shows, else nothing."""
+        """Run a block.
+
+        The end of its output where it does not end as the page shows, else nothing.
+        """
         ended = self.end() if block.section != self._section else ""
         self._section = block.section
         if ended:
@@ -316,7 +322,10 @@ class Page:
         return f"{left}: {output(self._up)[-2000:]}" if left else ""
 
     def end(self) -> str:
-        """End with Ctrl-C, the last first, what is up; what did not end as it should, with its output."""
+        """End with Ctrl-C, the last first, what is up.
+
+        What did not end as it should, with its output.
+        """
         faults = []
         while self._up:
             process, log = self._up.pop()

@@ -1,4 +1,7 @@
-"""Exports and programs that many tests look at: made once in a session, by whichever of its processes asks first."""
+"""Exports and programs that many tests look at.
+
+Made once in a session, by whichever of its processes asks first.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,10 @@ from fsw_test_support.c_code import compile_c
 
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
-    """A file or folder that is the session's; ``make`` is given its place if it is not there yet."""
+    """A file or folder that is the session's.
+
+    ``make`` is given its place if it is not there yet.
+    """
     root = factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         root = root.parent

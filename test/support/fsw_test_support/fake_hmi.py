@@ -1,4 +1,6 @@
-"""A small server of the operator's page without a graph: a synthetic weld, and answers a test can foresee.
+"""A small server of the operator's page without a graph.
+
+A synthetic weld, and answers a test can foresee.
 
 ``python -m fsw_test_support.fake_hmi`` shows the page at http://127.0.0.1:8089 for working on it;
 the token is "token".
@@ -60,7 +62,10 @@ def exact(value: float) -> float | None:
 
 
 def weld_row(time_s: float) -> list[float]:
-    """One tick of the synthetic weld: waves about the paper's operating point, a set-point step every 40 s."""
+    """One tick of the synthetic weld.
+
+    Waves about the paper's operating point, a set-point step every 40 s.
+    """
     high = (time_s // 40.0) % 2
     aim = 2.66 + 0.08 * high
     depth = (
@@ -93,7 +98,10 @@ def weld_row(time_s: float) -> list[float]:
 
 
 class FakeHmi:
-    """Server in a thread. Tests change ``alarms`` and the like and call :meth:`push`; requests are in ``requests``."""
+    """Server in a thread. Tests change ``alarms`` and the like and call :meth:`push`.
+
+    Requests are in ``requests``.
+    """
 
     def __init__(
         self,
@@ -185,7 +193,10 @@ class FakeHmi:
         self._room.handle(session, '{"id": 1, "do": "request_control"}', time.monotonic())
 
     def cut(self) -> None:
-        """Cut all connections, as a network does; no page gets a frame until ``silent`` is False again."""
+        """Cut all connections, as a network does.
+
+        No page gets a frame until ``silent`` is False again.
+        """
         self.silent = True
         assert self._loop is not None
         sockets = [socket for socket, _ in self._sessions.values()]

@@ -1,4 +1,7 @@
-"""What the page's server knows at a moment, as it gets it from a graph; by default of a good weld."""
+"""What the page's server knows at a moment, as it gets it from a graph.
+
+By default of a good weld.
+"""
 
 from __future__ import annotations
 
@@ -79,7 +82,10 @@ def situation(
     interlocks: Mapping[str, float] | None = None,
     **changed: Any,
 ) -> Situation:
-    """What the rules look at; values are judged by ``book``, else by the default rules, and by interlocks."""
+    """What the rules look at.
+
+    Values are judged by ``book``, else by the default rules, and by interlocks.
+    """
     usual: dict[str, Any] = {
         "state": state(),
         "state_age_s": 0.1,

@@ -21,7 +21,10 @@ _reserved: list[socket.socket] = []
 
 
 def free_port() -> int:
-    """A TCP port that nobody listens on, and on which only a server that is told of it will: it stays bound here."""
+    """A TCP port that nobody listens on, and on which only a server that is told of it will.
+
+    It stays bound here.
+    """
     listener = socket.socket()
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     listener.bind(("127.0.0.1", 0))
@@ -30,7 +33,10 @@ def free_port() -> int:
 
 
 def write_machine_file(path: Path, port: int, text: str, **changes: Any) -> Path:
-    """Write a machine file for a port; ``changes`` are entries by dotted name (with ``__`` for the dot)."""
+    """Write a machine file for a port.
+
+    ``changes`` are entries by dotted name (with ``__`` for the dot).
+    """
     content = yaml.safe_load(text) | {"endpoint": f"opc.tcp://127.0.0.1:{port}/fsw"}
     for name, value in changes.items():
         *above, last = name.split("__")
@@ -61,7 +67,9 @@ class _LoopThread:
 
 
 class RunningMachine:
-    """The emulated machine of a machine file, running in a thread; ``settings`` are parameters of the plant.
+    """The emulated machine of a machine file, running in a thread.
+
+    ``settings`` are parameters of the plant.
 
     Attributes
     ----------

@@ -1,4 +1,6 @@
-"""A machine to test with: an OPC UA server on top of the plant emulator, which keeps the contract of a PLC.
+"""A machine to test with.
+
+An OPC UA server on top of the plant emulator, which keeps the contract of a PLC.
 
 Ten times a second it measures, writes the values and then the cycle counter. It takes force and
 speed when the heartbeat is written after them. It refuses what is out of its own limits, what it
@@ -401,7 +403,8 @@ async def serve(arguments: argparse.Namespace) -> None:
     )
     await server.open()
     print(
-        f"machine serves {endpoint}, {'plain' if machine.security is None else machine.security.policy}",
+        f"machine serves {endpoint}, "
+        f"{'plain' if machine.security is None else machine.security.policy}",
         flush=True,
     )
     task = asyncio.ensure_future(server.run())

@@ -1,8 +1,11 @@
-"""acados' SQP-RTI by its C interface: the problem of a tick by a stage per block, condensed and solved by HPIPM or qpOASES.
+"""acados' SQP-RTI by its C interface.
 
-Linearised about the same plan it is the library's QP, so it has the same solution. CasADi writes the stages' functions as C
-code. acados comes as a wheel that also has a CasADi of its own; it is installed apart, so that it does not replace the real one.
-A process must not load the HPIPM of CasADi as well.
+The problem of a tick by a stage per block, condensed and solved by HPIPM or qpOASES.
+
+Linearised about the same plan it is the library's QP, so it has the same solution. CasADi writes
+the stages' functions as C code. acados comes as a wheel that also has a CasADi of its own; it is
+installed apart, so that it does not replace the real one. A process must not load the HPIPM of
+CasADi as well.
 """
 
 from __future__ import annotations
@@ -92,7 +95,10 @@ _INSIDE = 0.95
 
 
 def install() -> Path | str:
-    """Folder of acados' libraries, installed into the environment at first use; where that cannot be, the reason."""
+    """Folder of acados' libraries, installed into the environment at first use.
+
+    Where that cannot be, the reason.
+    """
     processor = Path("/proc/cpuinfo")
     if platform.machine() != "x86_64" or not processor.is_file():
         return "acados' wheel is for Linux on x86-64"
@@ -171,7 +177,8 @@ class AcadosSolver:
     compiled : library of cffi
         ``acados.compiled`` of the same horizon.
     library : Library
-        Its horizon, and its tuning at the time of making the solver. Costs are quadratic (preset ``default``).
+        Its horizon, and its tuning at the time of making the solver. Costs are quadratic (preset
+        ``default``).
     parameters : ModelParameters
     qp_solver : str
         Name in ``QP_SOLVERS``.
@@ -217,7 +224,10 @@ class AcadosSolver:
             raise RuntimeError("acados refuses the problem")
 
     def solve(self, problem: Any, moves: Vector) -> tuple[int, Vector, Vector, Vector]:
-        """One iteration about ``moves`` (2 n_blocks,): status, moves, and their outputs in the linear model."""
+        """One iteration about ``moves`` (2 n_blocks,).
+
+        Status, moves, and their outputs in the linear model.
+        """
         h, data = self._library.horizon, self._stages.data(problem)
         inputs = np.clip(self._stages.inputs(moves), -_INSIDE, _INSIDE)
         states = self._stages.rolled_out(self._stages.start(problem), inputs, data)

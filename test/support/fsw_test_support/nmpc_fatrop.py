@@ -1,7 +1,8 @@
 """The nonlinear problem of a tick, a stage per block, solved to convergence by FATROP.
 
-FATROP wants variables in the order x0, u0, x1, u1, ..., and for every stage the dynamics as x1 - f(x0, u0) and then its other
-constraints. The problem of ``nmpc_ipopt``, which has no stages, takes it many times as long.
+FATROP wants variables in the order x0, u0, x1, u1, ..., and for every stage the dynamics as x1 -
+f(x0, u0) and then its other constraints. The problem of ``nmpc_ipopt``, which has no stages, takes
+it many times as long.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from fsw_test_support.nmpc_ipopt import move_weights, objective, weights
 from fsw_test_support.nmpc_problems import predict
 from fsw_test_support.nmpc_stages import INPUTS, Stages
 
-#: below it FATROP stalls: the cost has flat directions, and the Hessian is regularised in every iteration
+#: below it FATROP stalls: the cost has flat directions, and the Hessian is regularised in every
+#: iteration
 TOLERANCE = 1e-6
 
 

@@ -1,4 +1,7 @@
-"""The nonlinear problem solved to convergence by a cold IPOPT: the oracle of tests and benchmarks."""
+"""The nonlinear problem solved to convergence by a cold IPOPT.
+
+The oracle of tests and benchmarks.
+"""
 
 from __future__ import annotations
 

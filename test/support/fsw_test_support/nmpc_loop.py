@@ -53,7 +53,10 @@ class Loop:
 
 
 def within(proposal: Proposal, before: Command) -> bool:
-    """Whether a proposal keeps the bounds always, and the moves where it can; else it is not healthy."""
+    """Whether a proposal keeps the bounds always, and the moves where it can.
+
+    Else it is not healthy.
+    """
     lim, command = Limits(), proposal.command
     if lim.clip(command, None) != command:
         return False

@@ -1,4 +1,7 @@
-"""The NMPC's problem by itself: predicted, solved, by another solver; random ones over the whole working range."""
+"""The NMPC's problem by itself: predicted, solved, by another solver.
+
+Random ones over the whole working range.
+"""
 
 from __future__ import annotations
 
@@ -87,7 +90,10 @@ def predict(library: Library, start: Any, moves: Vector) -> tuple[Vector, Vector
 
 
 def solve(library: Library, problem: Any, moves: Vector) -> tuple[int, Vector, Vector, Vector]:
-    """One real-time iteration about ``moves`` (2 n_blocks,): status, moves, outputs; the rest is in ``output``."""
+    """One real-time iteration about ``moves`` (2 n_blocks,): status, moves, outputs.
+
+    The rest is in ``output``.
+    """
     matrices = (
         np.array(moves, dtype=np.float64),
         np.zeros(library.horizon.n_out),
@@ -120,7 +126,10 @@ def random_tuning(rng: np.random.Generator) -> Tuning:
 
 
 def random_start(rng: np.random.Generator, horizon: Horizon, parameters: ModelParameters) -> Any:
-    """A start that a weld could pose: any state, history, input and disturbance that limits allow."""
+    """A start that a weld could pose.
+
+    Any state, history, input and disturbance that limits allow.
+    """
     p, n = parameters, horizon.n_history
     rise = rng.normal(0.0, 20.0, 2)
     history = np.zeros((n, 3))
@@ -157,7 +166,10 @@ def random_problem(
     parameters: ModelParameters,
     tuning: Tuning | None = None,
 ) -> Any:
-    """A problem from a random start to a random set-point; gives the library a random tuning unless one is given."""
+    """A problem from a random start to a random set-point.
+
+    Gives the library a random tuning unless one is given.
+    """
     p, h = parameters, library.horizon
     tuning = tuning or random_tuning(rng)
     library.configure(

@@ -1,9 +1,10 @@
 """The problem of a tick cut into a stage per block of moves, for solvers that use the structure of stages.
 
-The prediction is that of the C kernel, term by term. A stage begins at a block's first interval and has the block's moves as
-inputs, so blocked moves need no constraint. The dead time is cut by superposition: what past power, heat and the present
-temperatures do is known beforehand and enters as parameters. States hold what the power from now on does to copper and tool,
-one dead time early, and the tool's values of that kind that have not arrived yet.
+The prediction is that of the C kernel, term by term. A stage begins at a block's first interval
+and has the block's moves as inputs, so blocked moves need no constraint. The dead time is cut by
+superposition: what past power, heat and the present temperatures do is known beforehand and enters
+as parameters. States hold what the power from now on does to copper and tool, one dead time early,
+and the tool's values of that kind that have not arrived yet.
 """
 
 from __future__ import annotations
@@ -29,12 +30,14 @@ from fsw_model.equations import (
 from fsw_nmpc.library import Library, State, Vector
 from fsw_test_support.nmpc_ipopt import input_bounds, largest_moves, move_squares, squares
 
-#: sizes of creep, slow mode, copper, tool, motor torque, force and speed, in which states are counted
+#: sizes of creep, slow mode, copper, tool, motor torque, force and speed, in which states are
+#: counted
 _SIZES = (0.1, 0.1, 10.0, 10.0, 100.0, 1.0, 3.0)
 _TOOL = 3
 #: indices of force and speed in a state; the last state has only these
 INPUTS = (5, 6)
-#: parameters of every stage: offset of the force, factor on the torque, offset of the speed, factor on the depth's gain
+#: parameters of every stage: offset of the force, factor on the torque, offset of the speed,
+#: factor on the depth's gain
 _N_SHARED = 4
 _SOON_S = 1e-9
 
@@ -48,7 +51,8 @@ class Stage:
     step : ca.Function
         State of the next stage.
     outputs : ca.Function
-        Depths (mm) and tool temperatures (deviation, degC) at the ends of the stage's intervals, where moves affect them.
+        Depths (mm) and tool temperatures (deviation, degC) at the ends of the stage's intervals,
+        where moves affect them.
     depth_points, tool_points : (n,) arrays of int
         Which of the horizon's output points these are.
     steps : (n,) array of int

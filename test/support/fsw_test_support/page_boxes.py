@@ -9,7 +9,10 @@ _MEASURE = Path(__file__).with_suffix(".js").read_text(encoding="utf-8")
 
 
 def faults(page: Any, may_scroll: bool = False) -> dict[str, list[str]]:
-    """Faults of the layout by kind; empty where all is well. ``may_scroll``: the page may be higher than the screen."""
+    """Faults of the layout by kind; empty where all is well.
+
+    ``may_scroll``: the page may be higher than the screen.
+    """
     script = f"layoutFaults({str(may_scroll).lower()})"
     return dict(page.evaluate(f"(() => {{ {_MEASURE}\nreturn {script}; }})()"))
 

@@ -106,7 +106,10 @@ class Page:
         return self.ask("login", **{login: secret, "name": name})
 
     def command(self, secret: str, name: str = "anna") -> Page:
-        """Log in and take control, whoever has it; when nobody gives it, after the time for an answer."""
+        """Log in and take control, whoever has it.
+
+        When nobody gives it, after the time for an answer.
+        """
         assert self.log_in(secret, name)["outcome"] == "done"
         holder = self.seen("control")["holder"]
         if holder is not None and self.ask("request_control")["outcome"] == "done":

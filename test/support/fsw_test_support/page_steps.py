@@ -28,7 +28,10 @@ def ready(page: Any) -> Any:
 
 
 def until(page: Any, condition: str) -> None:
-    """Wait until a script is true; Playwright's own way to wait needs eval, which the policy of the page forbids."""
+    """Wait until a script is true.
+
+    Playwright's own way to wait needs eval, which the policy of the page forbids.
+    """
     end = time.monotonic() + PATIENCE_S
     while not page.evaluate(condition):
         assert time.monotonic() < end, condition
@@ -36,7 +39,10 @@ def until(page: Any, condition: str) -> None:
 
 
 def settled(page: Any, measure: Callable[[], T]) -> T:
-    """What is measured once nothing is found; a page that a busy machine starves is cut off now and then."""
+    """What is measured once nothing is found.
+
+    A page that a busy machine starves is cut off now and then.
+    """
     end = time.monotonic() + PATIENCE_S
     while (faults := measure()) and time.monotonic() < end:
         page.wait_for_timeout(50)
@@ -64,7 +70,10 @@ def in_control(page: Any, name: str = "Anna", secret: str = TOKEN) -> None:
 
 
 def band_pixels(trend: str) -> str:
-    """Script that counts what the band about a prediction covers in a trend; nothing else there is as translucent."""
+    """Script that counts what the band about a prediction covers in a trend.
+
+    Nothing else there is as translucent.
+    """
     return f"""(() => {{
         const canvas = document.querySelector(".trend.{trend} canvas");
         const {{ data }} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);

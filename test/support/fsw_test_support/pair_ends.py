@@ -61,7 +61,10 @@ class ActuatorEnd(Holder):
         self.repeat()
 
     def _report(self, stamp_ns: int, drives: Command, values: tuple[float, ...]) -> None:
-        """Publish a measurement: the drives first, because the sensors' last sample completes the tick."""
+        """Publish a measurement.
+
+        The drives first, because the sensors' last sample completes the tick.
+        """
         world = self.world
         world.broadcast(self.name, SUPERVISORS, "on_drives", self.fence.state, stamp_ns, drives)
         world.broadcast(self.name, SUPERVISORS, "on_samples", stamp_ns, values)

@@ -32,7 +32,10 @@ HOLDERS = (*SUPERVISORS, "end", "page")
 
 
 class Holder(Process):
-    """A process with a copy of the stop register: publishes it at every change and once a second, as ``StopHolder``."""
+    """A process with a copy of the stop register.
+
+    Publishes it at every change and once a second, as ``StopHolder``.
+    """
 
     register: StopRegister
     _published: Stop | None = None
@@ -297,7 +300,10 @@ class Page(Holder):
         return request
 
     def press(self) -> list[Request]:
-        """Press the page's safe stop: it enters the page's copy, and both supervisors are asked."""
+        """Press the page's safe stop.
+
+        It enters the page's copy, and both supervisors are asked.
+        """
         if not self.alive or self.frozen:
             return []
         if not self.register.stopped:

@@ -26,11 +26,11 @@ INVARIANTS = {
     "acknowledgement was given later.",
     "I2": "Terms of commands that act never fall, and a term has one leader; the actuator's stop "
     "register never falls.",
-    "I3": "While the actuator's register says stopped, or after its watchdog has reacted, only a "
-    "safe stop acts, until an acknowledgement that was given later. If no gateway was there to see "
-    "that its machine has moved by more than one move, only the leader before has to stop, and "
-    "only if it is more than a move from where that leader has put it; a gateway takes less than "
-    "0.6 moves for rounding.",
+    "I3": "While the actuator's register says stopped, or after its watchdog has reacted, "
+    "only a safe stop acts, until an acknowledgement that was given later. "
+    "If no gateway was there to see that its machine has moved by more than one move, "
+    "only the leader before has to stop, and only if it is more than a move from where that "
+    "leader has put it; a gateway takes less than 0.6 moves for rounding.",
     "I4": "A request answered with success has been in force at the actuator end since it was "
     "asked for.",
     "I5": "Of each stamp one command acts at most; it is inside the bounds, and one move at most "
@@ -158,7 +158,9 @@ class PairRules:
         self._sent[leader] = command
 
     def reacted(self, now_s: float, unseen: Command | None = None) -> None:
-        """The watchdog has begun to lower the force; ``unseen``: where it is, while no actuator end was there.
+        """The watchdog has begun to lower the force.
+
+        ``unseen``: where it is, while no actuator end was there.
 
         Then the leader before is the only one that can know what was in force: what it has sent,
         as far as it knows.
@@ -178,7 +180,10 @@ class PairRules:
         now_s: float,
         late: int = 0,
     ) -> None:
-        """A command acts from now on; ``before`` acted until now, ``late``: ticks since its measurement."""
+        """A command acts from now on.
+
+        ``before`` acted until now, ``late``: ticks since its measurement.
+        """
         self.accepted += 1
         if self._unseen_of == signature.leader and source != "safe_stop":
             self._broken(
@@ -205,16 +210,25 @@ class PairRules:
             request.shown |= self._asks_for(request, source)
 
     def delayed(self, now_s: float) -> None:
-        """Commands are under way for longer than a tick: a process goes on after a pause, or a link is slow."""
+        """Commands are under way for longer than a tick.
+
+        A process goes on after a pause, or a link is slow.
+        """
         self._delayed_s = now_s
 
     def refused_as_second(self, signature: Signature) -> None:
-        """A command was refused because another leader's acts for its measurement: it counts as lost."""
+        """A command was refused because another leader's acts for its measurement.
+
+        It counts as lost.
+        """
         if signature.leader != self.leader:
             self._late = max(self._late, MOVES - 1)
 
     def _within(self, stamp_ns: int, late: int, now_s: float) -> Limits:
-        """The bounds, with one move for each tick since the command before: single commands may have been lost."""
+        """The bounds, with one move for each tick since the command before.
+
+        Single commands may have been lost.
+        """
         ticks = 1 if self._acted_ns is None else round((stamp_ns - self._acted_ns) / TICK_NS)
         most = self.most_moves
         if most > 1 and now_s - self._delayed_s <= DELAYED_S:
@@ -238,7 +252,8 @@ class PairRules:
         if self._leaders.setdefault(signature.term, signature.leader) != signature.leader:
             self._broken(
                 "I2",
-                f"term {signature.term} is of {self._leaders[signature.term]} and {signature.leader}",
+                f"term {signature.term} is of {self._leaders[signature.term]} and "
+                f"{signature.leader}",
             )
         self._term = signature.term
         if signature.leader != self.leader:
@@ -254,13 +269,15 @@ class PairRules:
             since_s = now_s - self._stopped_s
             self._broken(
                 "I3",
-                f"{source} of {signature.leader} acts {since_s:.2f} s into a safe stop, unacknowledged",
+                f"{source} of {signature.leader} acts {since_s:.2f} s into a safe "
+                "stop, unacknowledged",
             )
         stop = self._answered_stop
         if stop is not None and not self._acknowledged_since(stop):
             self._broken(
                 "I1",
-                f"{source} of {signature.leader} acts {now_s - self._answered_stop_s:.2f} s after a safe stop",
+                f"{source} of {signature.leader} acts {now_s - self._answered_stop_s:.2f} "
+                "s after a safe stop",
             )
         if self.cause_s is not None and now_s - self.cause_s > CAUSE_S:
             self._broken(
@@ -288,7 +305,10 @@ class PairRules:
     def taken(
         self, request: Request, source: str, value: Stop, fence: Fence | None, now_s: float
     ) -> None:
-        """A supervisor has acted on a request, without refusing it; ``value``: its copy of the register after that."""
+        """A supervisor has acted on a request, without refusing it.
+
+        ``value``: its copy of the register after that.
+        """
         request.taken_s, request.source = now_s, source
         self.open.append(request)
         if request.kind == "acknowledge":
@@ -311,7 +331,8 @@ class PairRules:
         if ok and not request.shown:
             self._broken(
                 "I4",
-                f"{request.kind} was answered with success {now_s - request.asked_s:.2f} s after it was asked",
+                f"{request.kind} was answered with success {now_s - request.asked_s:.2f} s "
+                "after it was asked",
             )
         if ok and request.kind == "safe_stop":
             self._answered_stop, self._answered_stop_s = request, now_s

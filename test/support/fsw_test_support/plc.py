@@ -1,4 +1,7 @@
-"""A simple PLC behind the gateway: its drives follow at once; without commands its watchdog lowers the force."""
+"""A simple PLC behind the gateway: its drives follow at once.
+
+Without commands its watchdog lowers the force.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,10 @@ class Plc:
         steps: int = 1,
         permissive: bool = True,
     ) -> CycleRead:
-        """The cycle as the gateway reads it; ``sensors``: depth, torque and temperature [mm, N m, degC]."""
+        """The cycle as the gateway reads it.
+
+        ``sensors``: depth, torque and temperature [mm, N m, degC].
+        """
         numbers = dict(zip(("depth", "torque", "temperature"), sensors, strict=True))
         numbers |= {"force_acting": acting.force_kn, "speed_acting": acting.speed_rpm}
         numbers |= {

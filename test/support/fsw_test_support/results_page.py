@@ -1,4 +1,7 @@
-"""Figures of an exploration: rows in a JSON file, and tables between marks of a page of ``docs/results``."""
+"""Figures of an exploration.
+
+Rows in a JSON file, and tables between marks of a page of ``docs/results``.
+"""
 
 from __future__ import annotations
 

@@ -19,7 +19,9 @@ from fsw_test_support.waiting import PATIENCE_S
 
 @pytest.fixture
 def domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A ROS domain that no other test on this machine uses now; set for this process and those that it starts.
+    """A ROS domain that no other test on this machine uses now.
+
+    Set for this process and those that it starts.
 
     Nodes of this process leave it in time, or the process ends: the middleware may spin for ever.
     """

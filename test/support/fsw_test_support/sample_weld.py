@@ -1,4 +1,6 @@
-"""Writes the bag of a made-up weld: every topic of the control graph with plausible values, for tests and benchmarks.
+"""Writes the bag of a made-up weld.
+
+Every topic of the control graph with plausible values, for tests and benchmarks.
 
 The values follow no model; they only have the right types, units, rates and sizes.
 """
@@ -176,7 +178,10 @@ def sample_topics() -> list[RecordedTopic]:
 def write_sample_weld(
     folder: Path, ticks: int, in_chunk: int = 5000, scenario: bytes = SCENARIO
 ) -> int:
-    """Write a made-up weld to a bag, in chunks of ``in_chunk`` messages at most; returns the number of messages."""
+    """Write a made-up weld to a bag, in chunks of ``in_chunk`` messages at most.
+
+    Returns the number of messages.
+    """
     count = 0
     with BagWriter(folder) as writer:
         for topic in sample_topics():

@@ -1,4 +1,7 @@
-"""Settings that the welding cell and the pair share: times shortened, so that a few ticks lead everywhere."""
+"""Settings that the welding cell and the pair share.
+
+Times shortened, so that a few ticks lead everywhere.
+"""
 
 from __future__ import annotations
 

@@ -218,8 +218,9 @@ STAGED = {
         "procedure",
         "set_point_temperature_c",
         "correct_procedure",
-        "The weld leaves its procedure: set-point temperature_c 905 is in force; permitted: 800 to"
-        " 900 → Correct set-points or controller as the procedure has them, or ask for a safe stop",
+        "The weld leaves its procedure: set-point temperature_c 905 is in force; "
+        "permitted: 800 to 900 → Correct set-points or controller as the procedure has them, "
+        "or ask for a safe stop",
         (situation(parts=procedure_left(temperature_c=905.0)),),
     ),
 }

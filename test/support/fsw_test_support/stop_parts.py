@@ -1,4 +1,6 @@
-"""The parts of the stop register's model: values to enumerate, and what the real classes make of them.
+"""The parts of the stop register's model.
+
+Values to enumerate, and what the real classes make of them.
 
 Each function rebuilds the real objects from a value, calls them, and returns the value of their
 new state. What they do not read is constant: stamps, times, the words of events. The search is in
@@ -99,7 +101,10 @@ def report(end: End) -> ActuatorState:
 
 
 def receive(end: End, message: Message) -> tuple[End, End | None]:
-    """Check a command: the actuator end if its gate refuses the command, and if it acts, None if the fence refuses."""
+    """Check a command.
+
+    The actuator end if its gate refuses the command, and if it acts, None if the fence refuses.
+    """
     fence = _fence(end)
     barred = fence.check(message.signature, message.source)
     refused = _end(fence)
@@ -127,7 +132,10 @@ def react(end: End) -> End:
 
 
 def press(page: Stop) -> Stop:
-    """The page's SAFE STOP, as ``hmi_node.py`` enters it; of one epoch it is less than a supervisor's."""
+    """The page's SAFE STOP, as ``hmi_node.py`` enters it.
+
+    Of one epoch it is less than a supervisor's.
+    """
     register = StopRegister()
     register.value = page
     if not register.stopped:
@@ -257,7 +265,10 @@ def take_over(before: Supervisor) -> Supervisor:
 
 
 def hear_report(before: Supervisor, state: ActuatorState) -> tuple[Supervisor, bool]:
-    """Take a report of the actuator end; returns also whether a safe stop is answered with success now."""
+    """Take a report of the actuator end.
+
+    Returns also whether a safe stop is answered with success now.
+    """
     rebuilt = Rebuilt(before)
     rebuilt.failover.on_actuator(state, 0.0)
     if rebuilt.waiting is None:

@@ -43,7 +43,10 @@ PARTS = (*SUPERVISORS, "end", "page", "controllers")
 
 
 class Process:
-    """A process: it may be suspended, die and begin again; what comes while it is suspended waits."""
+    """A process: it may be suspended, die and begin again.
+
+    What comes while it is suspended waits.
+    """
 
     def __init__(self, name: str, world: World) -> None:
         self.name, self.world = name, world
@@ -82,7 +85,9 @@ class Process:
 
 
 class World:
-    """The parts, the events that are to come, and the letters; ``machine`` is of ``pair_ends.ENDS``.
+    """The parts, the events that are to come, and the letters.
+
+    ``machine`` is of ``pair_ends.ENDS``.
 
     Attributes
     ----------
@@ -142,7 +147,10 @@ class World:
         args: tuple[Any, ...] = (),
         is_timer: bool = False,
     ) -> None:
-        """Let an event happen at a process as it is now; one that is begun meanwhile does not get it."""
+        """Let an event happen at a process as it is now.
+
+        One that is begun meanwhile does not get it.
+        """
         self._serial += 1
         heapq.heappush(
             self._events, (due_s, self._serial, process, process.life, method, args, is_timer)
@@ -200,7 +208,10 @@ class World:
         return self
 
     def _watch(self) -> None:
-        """What is judged by levels: which requests wait, and since when a leader can see a cause."""
+        """What is judged by levels.
+
+        Which requests wait, and since when a leader can see a cause.
+        """
         for supervisor in self.supervisors:
             if supervisor.alive and not supervisor.frozen:
                 self.rules.waits(supervisor.requests, self.now_s)
@@ -278,7 +289,10 @@ class World:
         self.rules.note_death()
 
     def _copy_survives(self, name: str) -> bool:
-        """Whether the fault model allows a death: another part that lives has the newest value of the register."""
+        """Whether the fault model allows a death.
+
+        Another part that lives has the newest value of the register.
+        """
         held = {
             item.name: item.register.value
             for item in self.parts.values()
@@ -350,7 +364,10 @@ class World:
     # ---------------------------------------------------------------- back to health
 
     def heal(self, heal_s: float = HEAL_S) -> World:
-        """All is well from now on, and the operator wants auto: a controller must command within ``heal_s``."""
+        """All is well from now on, and the operator wants auto.
+
+        A controller must command within ``heal_s``.
+        """
         self.links.clear()
         self.temperature_c = 885.0
         for state in ("well", "permits"):

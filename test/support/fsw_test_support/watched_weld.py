@@ -1,4 +1,7 @@
-"""Ticks of a weld for the monitor: the model's own process in open loop, with noise, to be spoilt by tests."""
+"""Ticks of a weld for the monitor.
+
+The model's own process in open loop, with noise, to be spoilt by tests.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,10 @@ from fsw_quality.monitor import Sample
 
 
 def inputs(seconds: float, excited: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Force and speed of each tick: pulses around the operating point, so that gains and dead time show."""
+    """Force and speed of each tick.
+
+    Pulses around the operating point, so that gains and dead time show.
+    """
     time_s = 0.1 * np.arange(round(10 * seconds))
     push = np.where(
         time_s % 60.0 < 8.0,
@@ -40,7 +46,10 @@ def noise(random: np.random.Generator, n: int, correlation_s: float = 0.0) -> np
 def samples(
     seconds: float = 300.0, excited: bool = True, correlation_s: float = 0.0, **factors: float
 ) -> list[Sample]:
-    """A weld whose model has its parameters multiplied by ``factors``; its noise may be correlated."""
+    """A weld whose model has its parameters multiplied by ``factors``.
+
+    Its noise may be correlated.
+    """
     force, speed = inputs(seconds, excited)
     shown = ProcessModel(ModelParameters().scaled(**factors)).simulate(
         force.tolist(), speed.tolist()

@@ -1,4 +1,6 @@
-"""A welding cell of pure cores: arbiter, gateway and watchdog, with small models of machine, controllers and operator.
+"""A welding cell of pure cores.
+
+Arbiter, gateway and watchdog, with small models of machine, controllers and operator.
 
 A *letter* changes one condition of the cell or is one request of the operator; then one tick
 passes. What must hold after every tick, whatever the letters before, is checked in :class:`Rules`;
@@ -115,7 +117,9 @@ class BrokenRuleError(AssertionError):
 
 
 class Cell:
-    """The cell; without ``gateway`` the drives take every command that is not dropped, and stamps can jump.
+    """The cell.
+
+    Without ``gateway`` the drives take every command that is not dropped, and stamps can jump.
 
     Attributes
     ----------
@@ -268,7 +272,10 @@ class Cell:
     # ---------------------------------------------------------------- one tick
 
     def _tick(self, stamp_ns: int, drives: Command, rank: int) -> list[Decision]:
-        """All messages of a tick within 10 ms, in the order of number ``rank``; then time until the next tick."""
+        """All messages of a tick within 10 ms, in the order of number ``rank``.
+
+        Then time until the next tick.
+        """
         arbiter = self.arbiter
         messages: list[_Message] = [partial(arbiter.on_drives, stamp_ns, drives)]
         late: list[_Message] = []
@@ -342,7 +349,10 @@ def permuted(items: list[Any], rank: int) -> list[Any]:
 
 
 class Rules:
-    """What must hold in every cell after every tick; it judges by what the cell shows, not by the arbiter's books."""
+    """What must hold in every cell after every tick.
+
+    It judges by what the cell shows, not by the arbiter's books.
+    """
 
     forgiven: frozenset[str] = (
         frozenset()
@@ -464,7 +474,10 @@ class Rules:
         self._new = self._told = False
 
     def _sense(self, cell: Cell, measured: bool) -> None:
-        """Whether there is a cause; a value that is not valid cannot say that it is gone, only that it is there."""
+        """Whether there is a cause.
+
+        A value that is not valid cannot say that it is gone, only that it is there.
+        """
         value = TEMPERATURES_C[cell.temperature]
         ticks = self._covered_ticks(cell.now_s) if measured else 0
         known = measured and not cell.arbiter.safety.sensor_flaws["thermocouple"]

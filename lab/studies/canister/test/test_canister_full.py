@@ -1,4 +1,7 @@
-"""All finite elements in implicit steps: convergence, energy, and the reduced model beside them."""
+"""All finite elements in implicit steps.
+
+Convergence, energy, and the reduced model beside them.
+"""
 
 import numpy as np
 import pytest
@@ -121,7 +124,10 @@ def test_time_steps_converge_in_second_order() -> None:
 
 @pytest.mark.full
 def test_the_mesh_converges_in_fourth_order() -> None:
-    """Quadratic elements: the slowest decay of a mode in a tube without a lid, and the heated canister."""
+    """Quadratic elements.
+
+    The slowest decay of a mode in a tube without a lid, and the heated canister.
+    """
     decays, rises = [], []
     for element_mm in (4.0, 2.0, 1.0):
         e = Elements(SMALL.changed(element_mm=element_mm, lid_mm=0.0))

@@ -1,4 +1,6 @@
-"""A small source that moves on the surface of a copper body: Green's function in time, Rosenthal where it is steady.
+"""A small source that moves on the surface of a copper body.
+
+Green's function in time, Rosenthal where it is steady.
 
 At the speed of a weld the field near the tool is not steady after a minute: at rest a point source
 still lacks ``distance / sqrt(pi alpha t)``, 12 % at 15 mm after 50 s. Ten times as fast, it is
@@ -42,7 +44,10 @@ PLACES = [
 
 
 def images(x: float, period: float, mirrored: float | None = None) -> np.ndarray:
-    """Distances along an axis from a source and its images; ``mirrored``: the distance from its image in a face."""
+    """Distances along an axis from a source and its images.
+
+    ``mirrored``: the distance from its image in a face.
+    """
     turns = period * np.arange(-6, 7)
     return np.concatenate([x + turns, [] if mirrored is None else mirrored + turns])
 
@@ -60,7 +65,10 @@ def source() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def green_k(after_s: float, place: tuple[float, float, float], speed: float) -> float:
-    """Rise by 1 kW that has moved for a while: Green's function of heat conduction over source and time."""
+    """Rise by 1 kW that has moved for a while.
+
+    Green's function of heat conduction over source and time.
+    """
     ahead, aside, depth = place
     log_age = np.linspace(np.log(1e-3), np.log(after_s), 1200)
     age = np.exp(log_age)

@@ -52,7 +52,10 @@ def test_weld_outside_for_longer_than_allowed_is_not_good(monkeypatch, rows):
 
 
 def test_the_line_source_is_that_of_the_table():
-    """Of the gain from first principles: rise at 25 mm after 5 to 600 s, without an edge and with one."""
+    """Of the gain from first principles.
+
+    Rise at 25 mm after 5 to 600 s, without an edge and with one.
+    """
     assert validation.line_source(1e6) == pytest.approx(
         [3.73, 6.14, 10.3, 12.7, 14.6, 16.1, 16.4], rel=0.005
     )
@@ -105,7 +108,10 @@ def test_error_of_linear_copper_is_reported_by_phase():
 
 @pytest.mark.slow
 def test_linear_models_are_compared_with_nonlinear_copper():
-    """On a small canister, a minute from cold: what k(T), c(T) and radiation change grows with the temperature."""
+    """On a small canister, a minute from cold.
+
+    What k(T), c(T) and radiation change grows with the temperature.
+    """
     pytest.importorskip(
         "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
     )

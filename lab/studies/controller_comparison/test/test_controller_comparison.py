@@ -47,7 +47,10 @@ def test_default_nmpc_is_calm_quick_and_nearly_decoupled(nominal):
 
 @pytest.mark.full
 def test_default_nmpc_beats_both_pi_tunings_in_every_event(nominal):
-    """In both errors together; the tight tuning buys some depth with temperature, so not in each one alone."""
+    """In both errors together.
+
+    The tight tuning buys some depth with temperature, so not in each one alone.
+    """
     for kind in ("clean", "noisy"):
         for name, own in nominal[DEFAULT][kind]["events"].items():
             for rival in DECENTRALIZED:

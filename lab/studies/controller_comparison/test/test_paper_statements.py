@@ -1,4 +1,7 @@
-"""The paper's statements: how each is judged, and that they hold with the preset that is to be the paper."""
+"""The paper's statements.
+
+How each is judged, and that they hold with the preset that is to be the paper.
+"""
 
 import sys
 from pathlib import Path

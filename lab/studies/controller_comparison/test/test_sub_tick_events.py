@@ -1,4 +1,6 @@
-"""Closed loops on (16)-(27) integrated on their own, with events between ticks: the emulator's peaks are right.
+"""Closed loops on (16)-(27) integrated on their own, with events between ticks.
+
+The emulator's peaks are right.
 
 Nothing of the emulator is used: the equations and the lag of the drives are written here from the
 paper, and integrated with cuts where an input jumps. The peak of the temperature in a step of the
@@ -107,7 +109,10 @@ class Integrated:
 
 
 def peak_c(label, duration_s, event=None, plant=None):
-    """Largest error of the temperature in a closed loop, without noise; on the emulator without plant."""
+    """Largest error of the temperature in a closed loop, without noise.
+
+    On the emulator without plant.
+    """
     name = name_of(label)
     content = {"name": "step", "duration_s": duration_s, "controller": name}
     content |= {"events": [event]} if event else {}

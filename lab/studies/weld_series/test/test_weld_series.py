@@ -1,4 +1,7 @@
-"""The series of welds: its bags hold what was welded, and a short series has all that a long one has."""
+"""The series of welds.
+
+Its bags hold what was welded, and a short series has all that a long one has.
+"""
 
 import json
 

@@ -33,8 +33,8 @@ _SHIPPED = ", ".join(shipped())
     PRIVATE_KEY,
     TRUSTED,
     REQUIRE_SIGNED,
-    description="Check that bag, manifest, procedure and record are of one weld, judge the weld again if it has a "
-    "record, sign for all, and add it to the chain of welds. What does not fit is not attested.",
+    description="Check that bag, manifest, procedure and record are of one weld, judge it again, "
+    "sign for all, and add it to the chain. What does not fit is not attested.",
 )
 def attested(arguments: argparse.Namespace) -> int:
     key, trusted = private_key(arguments), trusted_keys(arguments, own=True)
@@ -61,8 +61,8 @@ def attested(arguments: argparse.Namespace) -> int:
     REQUIRE_SIGNED,
     file("--json", "also write what was found"),
     FORCE,
-    description="Check signatures, manifests, files and attested documents of bags, and the chain of welds. Prints who "
-    "signed, and what was not checked. Exit code 0: all that was checked is proven; 1: not.",
+    description="Check signatures, manifests, files and documents of bags, the chain of welds; "
+    "print signers and what was not checked. Exit code 0: all that was checked is proven.",
 )
 def verified(arguments: argparse.Namespace) -> int:
     check_new([arguments.json], arguments.force)

@@ -1,4 +1,7 @@
-"""``fsw.py history``: a row for each weld, control charts over them, and what changed between two."""
+"""``fsw.py history``.
+
+A row for each weld, control charts over them, and what changed between two.
+"""
 
 from __future__ import annotations
 
@@ -95,7 +98,7 @@ def add(arguments: argparse.Namespace) -> int:
     file("--out", "HTML file (default DIR/report.html)"),
     FORMAT_BESIDE,
     FORCE,
-    description="Write an HTML report on a history: what stands out, control charts, the tools' lives.",
+    description="Write an HTML report on a history: findings, control charts, tool lives.",
     needs=_EXTRA,
 )
 def report(arguments: argparse.Namespace) -> int:

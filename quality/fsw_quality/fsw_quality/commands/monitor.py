@@ -20,7 +20,7 @@ from fsw_quality.monitor_run import Interval, Watched, process_of, watch
 
 @command(
     "monitor",
-    "alarms of the monitor on a recorded weld, with cause and advice, and estimated sizes of faults",
+    "alarms of the monitor on a recorded weld, with cause, advice and sizes of faults",
     option("bag", type=Path, help=DAMAGED_TOO),
     option(
         "--process",
@@ -30,12 +30,12 @@ from fsw_quality.monitor_run import Interval, Watched, process_of, watch
     file("--model", "YAML file of the model's parameters (default: the paper's)"),
     file(
         "--covariance",
-        "YAML file of the parameters' covariance, of identify --covariance (default: within 10 %%)",
+        "the parameters' covariance, of identify --covariance (default: within 10 %%)",
     ),
     picture("--figure", "disturbances, likelihood, alarms and estimated sizes"),
     file("--json", "write alarms, estimates and gains as JSON"),
     FORCE,
-    description="Run the monitor over the bag of a weld, as the node fsw_monitor does while it is welded.",
+    description="Run the monitor over the bag of a weld, as fsw_monitor does in the weld.",
 )
 def monitor(arguments: argparse.Namespace) -> int:
     check_new([arguments.figure, arguments.json], arguments.force)
@@ -90,9 +90,7 @@ def _print(watched: Watched, process: str) -> None:
         (estimate.name, estimate.text, "x" if estimate.is_distinct else "", estimate.alarm_text)
         for estimate in watched.estimates[-1]
     ]
-    print(
-        "estimated at the end, each as if it alone had been there for a minute; no claim that it is:"
-    )
+    print("estimated at the end, each as if alone for a minute; no claim that it is there:")
     print_table(rows, ("fault", "size ± 2 standard errors", "not 0", "alarm in a minute from"))
     print("gains of this weld relative to the model's, ± 2 standard errors:")
     for name, (gain, error) in watched.gains.items():

@@ -57,8 +57,7 @@ def check(arguments: argparse.Namespace) -> int:
     option("procedure", type=Path, help="YAML file"),
     PRIVATE_KEY,
     FORCE,
-    description="sign: sign a procedure, so that every command that reads it detects a later change. Writes FILE.sig "
-    "beside it.",
+    description="sign: write FILE.sig, by which every command detects a later change.",
 )
 def signed(arguments: argparse.Namespace) -> int:
     path: Path = arguments.procedure
@@ -76,7 +75,10 @@ def signed(arguments: argparse.Namespace) -> int:
 
 
 def _identity(procedure: Procedure) -> str:
-    return f"{procedure.id} revision {procedure.revision} of {procedure.date}, SHA-256 {procedure.sha256}"
+    return (
+        f"{procedure.id} revision {procedure.revision} of {procedure.date}, "
+        f"SHA-256 {procedure.sha256}"
+    )
 
 
 @command(
@@ -89,7 +91,8 @@ def show(arguments: argparse.Namespace) -> int:
     print(f"{procedure.title}\n{_identity(procedure)}\n")
     material, joint = procedure.material, procedure.geometry
     tool, machine = procedure.tool, procedure.machine
-    shape = f"probe {tool.probe_length_mm:g} mm, shoulder {tool.shoulder_diameter_mm:g} mm, {tool.shoulder}"
+    probe, shoulder = f"probe {tool.probe_length_mm:g} mm", f"{tool.shoulder_diameter_mm:g} mm"
+    shape = f"{probe}, shoulder {shoulder}, {tool.shoulder}"
     rows = [
         ("material", f"{material.name}, {material.thickness_mm:g} mm", material.source),
         ("joint", f"{joint.joint}, {joint.diameter_mm:g} mm", joint.source),
@@ -135,6 +138,6 @@ def diff(arguments: argparse.Namespace) -> int:
         return 0
     print_table(changes, ("where", arguments.old, arguments.new))
     if (old.id, old.revision) == (new.id, new.revision):
-        note = f"note: both are {old.id} revision {old.revision}: give what was changed another revision"
+        note = f"note: both are {old.id} revision {old.revision}: renumber one"
         print(note, file=sys.stderr)
     return 1

@@ -27,7 +27,7 @@ from fsw_scenario.procedure import check_signed, load, shipped
     file("--out", "folder for the records", "DIR", required=True),
     file(
         "--compare",
-        "folder with records of earlier welds: compare with the last accepted ones of the procedure",
+        "folder with earlier records: compare with the procedure's last accepted welds",
         "DIR",
     ),
     repeated(
@@ -39,9 +39,8 @@ from fsw_scenario.procedure import check_signed, load, shipped
     REQUIRE_SIGNED_PROCEDURE,
     FORMAT_BESIDE,
     FORCE,
-    description="Judge recorded welds by a procedure and write record.html, record.json and, with the extra "
-    "pdf, record.pdf; of several bags into a folder for each. The verdict does not change the exit code: "
-    "a rejected weld has a record, too.",
+    description="Judge recorded welds by a procedure; write record.html, record.json, with extra "
+    "pdf, record.pdf, of several bags in a folder each. The exit code ignores the verdict.",
 )
 def record(arguments: argparse.Namespace) -> int:
     load(arguments.procedure)  # its mistakes are reported before anything else
@@ -90,7 +89,8 @@ def record(arguments: argparse.Namespace) -> int:
         print_notes(notes)
         print_notes(fact.words for fact in weld_record.cannot_say)
         print(
-            f"{name}: {weld_record.verdict.upper()} ({weld_record.deciding.name}: {weld_record.deciding.words}: {weld_record.deciding.figure})"
+            f"{name}: {weld_record.verdict.upper()} ({weld_record.deciding.name}: "
+            f"{weld_record.deciding.words}: {weld_record.deciding.figure})"
         )
         print_notes(_unusual(weld_record))
         files = [*report.files(), *report.figure_names(ending)]

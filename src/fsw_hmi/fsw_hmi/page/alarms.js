@@ -7,7 +7,7 @@ const SHELVES_MIN = [5, 20, 60];
 const needsAcknowledging = (/** @type {Alarm} */ { state }) => state === "active" || state === "cleared";
 
 export class Alarms {
-  /** @type {Set<string>} */ #told = new Set();
+  /** @type {Set<string>} */ #announced = new Set();
   #newest = 0; // number of the newest alarm of the list
   /** @type {string?} */ #opened = null; // whose id was chosen; null: the headline's, else the first is open
   /** @type {[Alarm[], Reach | null, string | undefined]} */ #latest = [[], null, ""];
@@ -44,8 +44,8 @@ export class Alarms {
   /** @param {Alarm} alarm @param {boolean} open */
   #entry(alarm, open) {
     const { id, text, what: head, why, consequence, advice, priority, state } = alarm;
-    const told = detail(alarm, open);
-    const what = el("span", { className: "what" }, el("span", { className: "text", title: text }, el("strong", { title: head }, head), why ? `: ${why}` : ""), " ", el("span", { className: "detail", title: told }, told));
+    const details = detail(alarm, open);
+    const what = el("span", { className: "what" }, el("span", { className: "text", title: text }, el("strong", { title: head }, head), why ? `: ${why}` : ""), " ", el("span", { className: "detail", title: details }, details));
     const summary = el("summary", { "data-alarm": id, onclick: (/** @type {Event} */ event) => this.#open(event, open ? "" : id) }, el("span", { className: "sign", "data-sign": SIGN[priority] }), what);
     return el("li", { className: `alarm ${priority} ${state}` }, el("details", { open }, summary, el("p", {}, `${consequence} → ${advice}`)), el("div", { className: "acts" }, ...this.#buttons(alarm, open)));
   }
@@ -70,7 +70,7 @@ export class Alarms {
   }
 
   #shelve(/** @type {Alarm} */ { id, text }) {
-    const minutes = choiceField("For", SHELVES_MIN.map((one) => ({ value: String(one), text: `${one} min` })), String(SHELVES_MIN[0]));
+    const minutes = choiceField("For", SHELVES_MIN.map((duration) => ({ value: String(duration), text: `${duration} min` })), String(SHELVES_MIN[0]));
     const reason = textField("Why");
     openForm({
       title: "Shelve an alarm",
@@ -85,8 +85,8 @@ export class Alarms {
   #announce(/** @type {Alarm[]} */ alarms) {
     const present = alarms.filter((alarm) => alarm.state === "active");
     const key = (/** @type {Alarm} */ alarm) => `${alarm.id} ${alarm.count}`;
-    const fresh = present.filter((alarm) => !this.#told.has(key(alarm)));
-    this.#told = new Set(present.map(key));
+    const fresh = present.filter((alarm) => !this.#announced.has(key(alarm)));
+    this.#announced = new Set(present.map(key));
     if (fresh.length) byId("announce-alarms").textContent = fresh.map((alarm) => `${alarm.priority} alarm: ${alarm.text}`).join(". ");
   }
 }

@@ -76,8 +76,8 @@ class BagPage {
   }
 
   #events() {
-    const all = this.welds.flatMap((weld) => weld.events.map((one) => ({ ...one, of: weld.name }))).sort((a, b) => a.time_s - b.time_s);
-    const entry = (/** @type {typeof all[0]} */ one) => el("li", {}, el("button", { type: "button", className: "event", onclick: () => this.player?.seek(one.time_s) }, el("time", {}, span(one.time_s)), ` ${this.welds.length > 1 ? `${one.of}: ` : ""}${one.text}`));
+    const all = this.welds.flatMap((weld) => weld.events.map((event) => ({ ...event, of: weld.name }))).sort((a, b) => a.time_s - b.time_s);
+    const entry = (/** @type {typeof all[0]} */ event) => el("li", {}, el("button", { type: "button", className: "event", onclick: () => this.player?.seek(event.time_s) }, el("time", {}, span(event.time_s)), ` ${this.welds.length > 1 ? `${event.of}: ` : ""}${event.text}`));
     return panel("events", "Events ", scroll("List of the events", el("ol", {}, ...all.map(entry))));
   }
 
@@ -109,7 +109,7 @@ class BagPage {
 
   #show(/** @type {number} */ timeS) {
     this.timeS = timeS;
-    const row = this.first.rows.findLast((one) => one[0] <= timeS + 1e-6) ?? [];
+    const row = this.first.rows.findLast((sample) => sample[0] <= timeS + 1e-6) ?? [];
     const values = Object.fromEntries(this.first.columns.map((name, i) => [name, row[i] ?? null]));
     this.bars?.update(values, /** @type {Flags} */ (row[this.first.columns.indexOf("flags")] ?? {}));
     setText(this.who, [values.controller, words(values.mode)].filter(Boolean).join(" · ") || NONE);

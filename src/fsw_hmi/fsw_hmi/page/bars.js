@@ -45,11 +45,11 @@ class Bar {
     setText(this.plan, known(plan) ? `${sign} programme ${fixed(plan, spec.digits)}` : "");
     this.plan.classList.toggle("differs", differs);
     const replaced = goal !== null && known(aim) && fixed(goal, spec.digits) !== fixed(aim, spec.digits);
-    const told = replaced && (!wrong || wrong.kind === "error") ? `attainable ${fixed(goal, spec.digits)}` : wrong?.text; // why it is off
+    const explanation = replaced && (!wrong || wrong.kind === "error") ? `attainable ${fixed(goal, spec.digits)}` : wrong?.text; // why it is off
     this.tile.dataset.level = wrong?.level ?? (replaced ? "low" : "");
     const off = known(value) && (value < this.low || value > this.high);
     this.pointer.classList.toggle("off", off);
-    setText(this.flag, [told ? `${SIGN[wrong?.level ?? "low"]} ${told}` : "", off ? "off scale" : ""].filter(Boolean).join(" · "));
+    setText(this.flag, [explanation ? `${SIGN[wrong?.level ?? "low"]} ${explanation}` : "", off ? "off scale" : ""].filter(Boolean).join(" · "));
     this.#point(this.planned, differs ? plan : null);
     this.#point(this.goal, replaced ? goal : null);
     this.#point(this.pointer, value);

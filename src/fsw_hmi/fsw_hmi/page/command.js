@@ -218,8 +218,8 @@ export class Commands {
 
   switchController() {
     const { controllers, actual_controller: actual } = this.page.state;
-    const remark = (/** @type {Health} */ one) => [one.name === actual ? "commands now" : one.ready ? "ready" : "not ready", one.reason].filter(Boolean).join(", ");
-    const choice = choiceField("Controller", controllers.map((one) => ({ value: one.name, text: one.name, remark: remark(one) })), controllers.find((one) => one.name !== actual)?.name);
+    const remark = (/** @type {Health} */ controller) => [controller.name === actual ? "commands now" : controller.ready ? "ready" : "not ready", controller.reason].filter(Boolean).join(", ");
+    const choice = choiceField("Controller", controllers.map((controller) => ({ value: controller.name, text: controller.name, remark: remark(controller) })), controllers.find((controller) => controller.name !== actual)?.name);
     const wait = selectField("Wait until it is ready", SWITCH_WAITS_S.map((value) => ({ value, text: `at most ${value} s` })), "2");
     openForm({
       title: "Swap the controller",
@@ -266,5 +266,5 @@ const button = (/** @type {string} */ text, /** @type {() => void} */ onclick) =
 
 /** Whether buttons may be used; why not is told where one points. @param {HTMLButtonElement[]} buttons @param {string} lack */
 function permit(buttons, lack) {
-  for (const one of buttons) Object.assign(one, { disabled: Boolean(lack), title: lack });
+  for (const button of buttons) Object.assign(button, { disabled: Boolean(lack), title: lack });
 }

@@ -15,8 +15,8 @@ export class Controllers {
   }
 
   update(/** @type {State} */ state) {
-    renew(this.rows, JSON.stringify([state.controllers, state.actual_controller]), () => state.controllers.map((one) => row(one, state)));
-    const notes = state.controllers.filter((one) => one.reason).map((one) => `${one.inhibited ? "■" : "▲"} ${one.name}: ${one.reason}`);
+    renew(this.rows, JSON.stringify([state.controllers, state.actual_controller]), () => state.controllers.map((controller) => row(controller, state)));
+    const notes = state.controllers.filter((controller) => controller.reason).map((controller) => `${controller.inhibited ? "■" : "▲"} ${controller.name}: ${controller.reason}`);
     renew(this.notes, JSON.stringify(notes), () => notes.map((text) => el("li", { title: text }, text)));
   }
 
@@ -25,10 +25,10 @@ export class Controllers {
   }
 }
 
-function row(/** @type {Health} */ one, /** @type {State} */ state) {
-  const commands = one.name === state.actual_controller && state.actual_mode === "auto";
-  const status = one.inhibited ? "inhibited" : !one.healthy ? "fails" : one.ready ? "ready" : "not ready";
-  const cells = [commands && status === "ready" ? "commands" : status, `${fixed(one.latency_ms, 0)} (${fixed(one.latency_max_ms, 0)})`, `${one.missed}, ${one.late}, ${one.rejected}`];
-  const level = one.inhibited || !one.healthy ? "medium" : "";
-  return el("tr", { "data-level": level }, el("th", { scope: "row" }, one.name), ...cells.map((text) => el("td", {}, text)));
+function row(/** @type {Health} */ controller, /** @type {State} */ state) {
+  const commands = controller.name === state.actual_controller && state.actual_mode === "auto";
+  const status = controller.inhibited ? "inhibited" : !controller.healthy ? "fails" : controller.ready ? "ready" : "not ready";
+  const cells = [commands && status === "ready" ? "commands" : status, `${fixed(controller.latency_ms, 0)} (${fixed(controller.latency_max_ms, 0)})`, `${controller.missed}, ${controller.late}, ${controller.rejected}`];
+  const level = controller.inhibited || !controller.healthy ? "medium" : "";
+  return el("tr", { "data-level": level }, el("th", { scope: "row" }, controller.name), ...cells.map((text) => el("td", {}, text)));
 }

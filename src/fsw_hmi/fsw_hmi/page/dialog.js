@@ -8,16 +8,16 @@ const PENDING = "… pending";
 export function openForm({ title, fields = [], summary = () => "", confirm, run, closed }) {
   closeForm();
   const heading = el("h2", { id: "dialog-title" }, title);
-  const told = el("p", { className: "summary", "aria-live": "polite" });
+  const consequences = el("p", { className: "summary", "aria-live": "polite" });
   const answer = el("p", { className: "answer", role: "status" });
   const send = el("button", { type: "submit", className: "primary" }, confirm);
-  const form = el("form", {}, ...fields.map((field) => field.root), told, answer, el("p", { className: "buttons" }, send, el("button", { type: "button", onclick: closeForm }, "Cancel")));
+  const form = el("form", {}, ...fields.map((field) => field.root), consequences, answer, el("p", { className: "buttons" }, send, el("button", { type: "button", onclick: closeForm }, "Cancel")));
   const dialog = el("dialog", { "aria-labelledby": heading.id }, heading, form);
   const renew = () => {
     const text = summary();
     const wrong = [...form.querySelectorAll("input")].find(({ validity }) => validity.rangeOverflow || validity.rangeUnderflow);
     send.disabled = Boolean(wrong) || answer.textContent === PENDING;
-    setText(told, wrong?.validationMessage ?? text);
+    setText(consequences, wrong?.validationMessage ?? text);
   };
   form.addEventListener("input", renew);
   form.addEventListener("submit", async (event) => {
@@ -108,14 +108,14 @@ export function checkField(/** @type {string} */ text, /** @type {boolean} */ ch
 }
 
 export function selectField(/** @type {string} */ text, /** @type {Choice[]} */ choices, value = "") {
-  const input = el("select", {}, ...choices.map((one) => el("option", { value: one.value, selected: one.value === value }, one.text)));
+  const input = el("select", {}, ...choices.map((choice) => el("option", { value: choice.value, selected: choice.value === value }, choice.text)));
   return { root: labelled(text, input), get value() { return input.value; } };
 }
 
 /** Choices that are all in view, each with a remark. @param {string} text @param {Choice[]} choices */
 export function choiceField(text, choices, value = "") {
-  const inputs = choices.map((one) => el("input", { type: "radio", name: "choice", value: one.value, checked: one.value === value }));
-  const labels = choices.map((one, i) => el("label", { className: "check" }, inputs[i], one.text, " ", el("span", { className: "detail" }, one.remark ?? "")));
+  const inputs = choices.map((choice) => el("input", { type: "radio", name: "choice", value: choice.value, checked: choice.value === value }));
+  const labels = choices.map((choice, i) => el("label", { className: "check" }, inputs[i], choice.text, " ", el("span", { className: "detail" }, choice.remark ?? "")));
   const root = el("fieldset", {}, el("legend", {}, text), ...labels);
   return { root, get value() { return inputs.find((input) => input.checked)?.value ?? ""; } };
 }

@@ -14,9 +14,9 @@ export class Player {
     this.onTime = onTime;
     this.timeS = 0;
     this.play = el("button", { type: "button", id: "play", "aria-keyshortcuts": "Space", onclick: () => this.toggle() }, "▶ Play");
-    this.speed = el("select", { id: "speed", "aria-label": "Speed" }, ...SPEEDS.map((one) => el("option", { value: one, selected: one === 1 }, `${one} ×`)));
+    this.speed = el("select", { id: "speed", "aria-label": "Speed" }, ...SPEEDS.map((speed) => el("option", { value: speed, selected: speed === 1 }, `${speed} ×`)));
     this.slider = el("input", { type: "range", id: "scrub", min: 0, max: durationS, step: 1, value: 0, "aria-label": "Time in the weld", oninput: () => this.seek(this.slider.valueAsNumber) });
-    const marks = el("div", { className: "marks", "aria-hidden": "true" }, ...events.map((one) => at(el("span", { title: one.text }), one.time_s / durationS)));
+    const marks = el("div", { className: "marks", "aria-hidden": "true" }, ...events.map((event) => at(el("span", { title: event.text }), event.time_s / durationS)));
     this.text = el("output", { className: "time" });
     root.append(this.play, this.speed, el("div", { className: "line" }, this.slider, marks), this.text);
     document.addEventListener("keydown", (event) => {

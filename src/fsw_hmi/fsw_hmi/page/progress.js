@@ -11,7 +11,7 @@ export class Progress {
 
   update(/** @type {import("./live.js").LivePage} */ page) {
     const stop = stopProgress(page);
-    const { level, text, detail } = stop ?? told(page.progress);
+    const { level, text, detail } = stop ?? described(page.progress);
     this.bar.hidden = !stop || stop.share === null;
     this.bar.value = Math.min(1, Math.max(0, stop?.share ?? 0));
     this.root.dataset.level = level;
@@ -20,7 +20,7 @@ export class Progress {
   }
 }
 
-function told(/** @type {Programme?} */ programme) {
+function described(/** @type {Programme?} */ programme) {
   if (!programme) return { level: "", text: "No programme", detail: "" };
   const { state, phase, angle_deg: angle, length_mm: length, time_left_s: timeLeft, left } = programme;
   const how = state === "running" ? (left ? " (set-points by hand)" : "") : ` (${words(state)})`;

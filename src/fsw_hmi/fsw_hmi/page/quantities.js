@@ -17,16 +17,16 @@ export const TRENDS = [...ALWAYS, ...PAIRS.flat()];
 export const shown = (/** @type {string[]} */ pair) => [...ALWAYS, ...pair];
 
 /** @returns {Spec} */
-export const quantity = (/** @type {string} */ key) => /** @type {Spec} */ (QUANTITIES.find((one) => one.key === key));
+export const quantity = (/** @type {string} */ key) => /** @type {Spec} */ (QUANTITIES.find((spec) => spec.key === key));
 
 /** Within which a quantity is normal, where the rule book says so: absolute, or about its set-point. @param {string} key @param {Limits} limits @param {Value} aim @returns {Pair} */
 export function normalRange(key, limits, aim) {
   /** @type {Pair} */ let [low, high] = [null, null];
-  for (const one of limits[key]?.kept ?? []) {
-    const from = one.of_aim ? aim : 0;
+  for (const bounds of limits[key]?.kept ?? []) {
+    const from = bounds.of_aim ? aim : 0;
     if (from === null) continue;
-    if (one.low !== null) low = Math.max(low ?? -Infinity, from + one.low);
-    if (one.high !== null) high = Math.min(high ?? Infinity, from + one.high);
+    if (bounds.low !== null) low = Math.max(low ?? -Infinity, from + bounds.low);
+    if (bounds.high !== null) high = Math.min(high ?? Infinity, from + bounds.high);
   }
   return [low, high];
 }

@@ -26,7 +26,7 @@ export const LINES = {
 /** Columns of the normal range along a trend, which may follow the set-point. @param {Columns} columns @param {Limits} limits @returns {Columns} */
 export function withNormal(columns, limits) {
   const extended = { ...columns };
-  for (const key of TRENDS.filter((one) => limits[one]?.kept)) {
+  for (const key of TRENDS.filter((name) => limits[name]?.kept)) {
     const edges = Array.from(columns[quantity(key).aim] ?? columns[key], (aim) => normalRange(key, limits, aim));
     [extended[`${key}:low`], extended[`${key}:high`]] = [edges.map(([low]) => low), edges.map(([, high]) => high)];
   }
@@ -61,25 +61,25 @@ export class Trends {
   #begin() {
     if (!this.root.isConnected) return; // another weld has begun meanwhile
     this.charts = shown(this.#pair).map((key) => this.#chart(this.root, key));
-    this.charts.forEach((one) => this.resizer.observe(one.plot));
+    this.charts.forEach((chart) => this.resizer.observe(chart.plot));
     if (this.#drawn) this.draw(...this.#drawn);
   }
 
   /** Draw columns between two times; the scales hold `extra[key]`, too. @param {Columns} columns @param {number} from @param {number} to @param {Record<string, number[]>} extra */
   draw(columns, from, to, extra = {}) {
     this.#drawn = [columns, from, to, extra]; // for charts that are made later
-    for (const one of this.charts) {
-      one.extra = extra[one.key] ?? [];
-      const present = one.named.filter(({ key }) => Array.prototype.some.call(columns[key] ?? [], Number.isFinite)); // sensors that there are
-      one.unit.textContent = [one.spec.unit, ...present.map(({ name }) => name)].join(", ");
-      one.uplot.setData(/** @type {import("uplot").AlignedData} */ ([columns.time_s, ...one.keys.map((key) => columns[key])]), false);
-      one.uplot.setScale("x", { min: from, max: to });
+    for (const chart of this.charts) {
+      chart.extra = extra[chart.key] ?? [];
+      const present = chart.named.filter(({ key }) => Array.prototype.some.call(columns[key] ?? [], Number.isFinite)); // sensors that there are
+      chart.unit.textContent = [chart.spec.unit, ...present.map(({ name }) => name)].join(", ");
+      chart.uplot.setData(/** @type {import("uplot").AlignedData} */ ([columns.time_s, ...chart.keys.map((key) => columns[key])]), false);
+      chart.uplot.setScale("x", { min: from, max: to });
     }
   }
 
   destroy() {
     this.resizer.disconnect();
-    this.charts.forEach((one) => one.uplot.destroy());
+    this.charts.forEach((chart) => chart.uplot.destroy());
     this.charts = [];
   }
 
@@ -113,22 +113,22 @@ export class Trends {
     const unit = el("span", { className: "unit" }, spec.unit);
     const plot = el("div", { className: "plot", role: "img", tabIndex: 0, "aria-label": `Trend of ${spec.name.toLowerCase()} in ${spec.unit}` });
     root.append(el("section", { className: `panel trend ${key}` }, el("h2", {}, `${spec.name} `, unit), reading, plot));
-    const one = { key, spec, plot, reading, unit, named: lines.filter(({ name }) => name), keys: lines.map((line) => line.key), extra: [] };
-    return Object.assign(one, { uplot: new uPlot(this.#settings(one, lines), [[], ...lines.map(() => [])], plot) });
+    const chart = { key, spec, plot, reading, unit, named: lines.filter(({ name }) => name), keys: lines.map((line) => line.key), extra: [] };
+    return Object.assign(chart, { uplot: new uPlot(this.#settings(chart, lines), [[], ...lines.map(() => [])], plot) });
   }
 
-  /** @param {Omit<Chart, "uplot">} one @param {Line[]} lines @returns {import("uplot").Options} */
-  #settings(one, lines) {
+  /** @param {Omit<Chart, "uplot">} chart @param {Line[]} lines @returns {import("uplot").Options} */
+  #settings(chart, lines) {
     const { label, splits, incrs, zoom, overlay } = this.options;
     const axis = { stroke: INK, grid: GRID, ticks: { ...GRID, size: 4 }, font: "13px system-ui, sans-serif" };
-    const isLast = one.key === this.#pair.at(-1);
+    const isLast = chart.key === this.#pair.at(-1);
     return {
       width: 200,
       height: 100,
       padding: [9, 12, isLast ? 0 : 6, 0],
       legend: { show: false },
       cursor: { sync: { key: "weld" }, drag: { x: true, y: false, setScale: false }, points: { show: false } },
-      scales: { x: { time: false, auto: false }, y: { auto: true, range: (_, low, high) => verticalScale(one, low, high) } },
+      scales: { x: { time: false, auto: false }, y: { auto: true, range: (_, low, high) => verticalScale(chart, low, high) } },
       axes: [
         { ...axis, size: isLast ? 26 : 0, values: (_, at) => at.map((time) => (isLast ? label(time) : "")), ...(splits ? { splits: (_u, _i, min, max) => splits(min, max) } : { incrs }) },
         { ...axis, size: 48, space: 20 },
@@ -136,17 +136,17 @@ export class Trends {
       // distant limits would flatten what is measured
       series: [{}, ...lines.map((line) => ({ ...line, auto: !line.key.includes(":"), points: { show: false }, gaps: addGaps }))],
       hooks: {
-        draw: [(u) => overlay(u, one.key)],
-        setCursor: [(u) => this.#read(one, u)],
+        draw: [(u) => overlay(u, chart.key)],
+        setCursor: [(u) => this.#read(chart, u)],
         setSelect: [(u) => select(u, zoom)],
       },
     };
   }
 
-  #read(/** @type {Omit<Chart, "uplot">} */ one, /** @type {Plot} */ u) {
+  #read(/** @type {Omit<Chart, "uplot">} */ chart, /** @type {Plot} */ u) {
     const index = u.cursor.idx;
-    const at = index === null || index === undefined ? null : u.data[one.keys.length][index];
-    one.reading.textContent = at === null ? "" : `${this.options.label(u.data[0][index ?? 0])}: ${fixed(at, one.spec.digits)}`;
+    const at = index === null || index === undefined ? null : u.data[chart.keys.length][index];
+    chart.reading.textContent = at === null ? "" : `${this.options.label(u.data[0][index ?? 0])}: ${fixed(at, chart.spec.digits)}`;
   }
 }
 

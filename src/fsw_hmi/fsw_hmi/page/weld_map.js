@@ -20,10 +20,10 @@ export class WeldMap {
   #drawn = "";
   #known = "";
 
-  /** `onMoment` is called with the moment of a mark that is chosen, which `told` puts into words. @param {HTMLElement} root @param {string[]} names @param {(timeS: number) => void} onMoment @param {(timeS: number) => string} told */
-  constructor(root, names, onMoment, told = span) {
+  /** `onMoment` is called with the moment of a mark that is chosen, which `momentText` puts into words. @param {HTMLElement} root @param {string[]} names @param {(timeS: number) => void} onMoment @param {(timeS: number) => string} momentText */
+  constructor(root, names, onMoment, momentText = span) {
     this.onMoment = onMoment;
-    this.told = told;
+    this.momentText = momentText;
     this.angle = names.indexOf("angle_deg");
     this.paths = LEVELS.map((level) => svg("path", { class: level }));
     this.tool = svg("path", { class: "tool" });
@@ -76,14 +76,14 @@ export class WeldMap {
 
   /** The way welded so far, in stretches. */
   #welded() {
-    const found = /** @type {{from: number, to: number}[]} */ ([]);
+    const stretches = /** @type {{from: number, to: number}[]} */ ([]);
     this.#steps.forEach((step, i) => {
       if (!step) return;
-      const last = found[found.length - 1];
-      if (last?.to !== i * STEP_DEG) found.push({ from: i * STEP_DEG, to: (i + 1) * STEP_DEG });
+      const last = stretches[stretches.length - 1];
+      if (last?.to !== i * STEP_DEG) stretches.push({ from: i * STEP_DEG, to: (i + 1) * STEP_DEG });
       else last.to = (i + 1) * STEP_DEG;
     });
-    return found;
+    return stretches;
   }
 
   /** @param {Stretch[]} outside */
@@ -93,9 +93,9 @@ export class WeldMap {
     if (key === this.#drawn) return;
     this.#drawn = key;
     /** @type {Map<number, Stretch[]>} */ const places = new Map();
-    for (const one of outside.filter(({ from }) => known(from))) {
-      const place = Math.min(Math.floor(one.from / width), Math.round(WAY_DEG / width) - 1);
-      places.set(place, [...(places.get(place) ?? []), one]);
+    for (const stretch of outside.filter(({ from }) => known(from))) {
+      const place = Math.min(Math.floor(stretch.from / width), Math.round(WAY_DEG / width) - 1);
+      places.set(place, [...(places.get(place) ?? []), stretch]);
     }
     const focused = [...this.marks.children].indexOf(/** @type {Element} */ (document.activeElement));
     this.marks.replaceChildren(...[...places].map(([place, group]) => at(this.#button(group), ((place + 0.5) * width) / WAY_DEG)));
@@ -107,7 +107,7 @@ export class WeldMap {
   /** A mark for one stretch, or for several, which it shows one after the other. @param {Stretch[]} group */
   #button(group) {
     const rank = Math.max(...group.map(({ worst }) => worst.rank));
-    const texts = group.map(({ from, to, worst }) => `${worst.text}, ${known(from) ? `${fixed(from, 0)}° to ${fixed(to, 0)}°` : "place not known"}, ${this.told(worst.timeS)}`);
+    const texts = group.map(({ from, to, worst }) => `${worst.text}, ${known(from) ? `${fixed(from, 0)}° to ${fixed(to, 0)}°` : "place not known"}, ${this.momentText(worst.timeS)}`);
     let next = 0;
     const sign = el("span", { "data-sign": `${SIGN[LEVELS[rank]]}${group.length > 1 ? group.length : ""}` });
     const onclick = () => this.onMoment(group[next++ % group.length].worst.timeS);

@@ -18,7 +18,9 @@ static void multiply(double *out, const double *a, int rows, const double *b, in
       for (int j = 0; j < n; j++) out[i * n + j] += a[i * n + k] * b[k * n + j];
 }
 
-/* The transposed matrix of the heat's equations; returns its largest column sum. */
+/* The transposed matrix of the heat's equations; returns its largest column sum. In the tool's frame
+ * the traverse turns even amplitudes about the tool into odd ones and back (docs/concepts/canister.md).
+ * This part is antisymmetric: turning moves heat but neither adds nor takes any. */
 static double matrix(const fsw_plant_canister *c, double traverse_mm_per_s, double *a) {
   const int n = c->states, even = c->even;
   const double turning = traverse_mm_per_s / c->radius_mm;
@@ -37,7 +39,9 @@ static double matrix(const fsw_plant_canister *c, double traverse_mm_per_s, doub
   return norm;
 }
 
-/* Exponential of a step and its integral: series over a part of the step, which is then doubled. */
+/* Exponential of a step and its integral: series over a part of the step, which is then doubled.
+ * Scaling and squaring (Moler and Van Loan 2003): for a norm up to 1/2 the first term left out is below
+ * 1e-19 of the whole. Exponential K and integral R double by K(2t) = K(t)^2, R(2t) = R(t) + R(t) K(t). */
 void fsw_plant_canister_over(const fsw_plant_canister *c, double traverse_mm_per_s, double dt_s,
                              double *kept, double *response, double *work) {
   const int n = c->states, even = c->even, size = n * n;
@@ -76,6 +80,8 @@ static int weigh(const fsw_plant_canister *c, double axial_mm, double *weight) {
   return first;
 }
 
+/* Exact for a power and a place that are held over the step: what is kept of the field, and the
+ * response to the heat source where the tool stands. */
 void fsw_plant_canister_step(const fsw_plant_canister *c, const double *kept, const double *response,
                              double power_kw, double axial_mm, double *amplitude) {
   const int n = c->states;
@@ -91,6 +97,8 @@ void fsw_plant_canister_step(const fsw_plant_canister *c, const double *kept, co
   memcpy(amplitude, next, (size_t)n * sizeof *next);
 }
 
+/* The field is linear in Kirchhoff's transform theta of the temperature, which takes up that hot copper
+ * conducts less; the table leads back. rest is what settles at once and is in no amplitude. */
 double fsw_plant_canister_stir_zone_c(const fsw_plant_canister *c, const double *amplitude,
                                       double power_kw, double axial_mm) {
   double weight[4], theta = 0.0;
@@ -110,7 +118,8 @@ double fsw_plant_canister_stir_zone_c(const fsw_plant_canister *c, const double 
   return c->grid_c[low] + share * (c->grid_c[high] - c->grid_c[low]);
 }
 
-/* A tick of the heat; 1 if the tool is off the copper: nothing is changed then. */
+/* A tick of the heat; 1 if the tool is off the copper: nothing is changed then. The exponential costs
+ * far more than a step and is kept while the traverse speed stays. */
 static int heat(fsw_plant_field *f, const fsw_plant_model *m, double power_kw, double traverse_mm_per_s) {
   const fsw_plant_canister *c = f->canister;
   if (!(f->axial_mm >= c->lowest_mm - 1e-9 && f->axial_mm <= c->highest_mm + 1e-9)) return 1;
@@ -154,6 +163,8 @@ int fsw_plant_canister_advance(fsw_plant *p, const fsw_plant_model *m, const fsw
   return 0;
 }
 
+/* Heats from ambient until the thermocouple shows the start's temperature, then begins there. Copper
+ * and tool are not in equilibrium then, as in a weld that has just begun. */
 int fsw_plant_heat_up(fsw_plant *p, const fsw_plant_model *m, double depth_mm, double temperature_c,
                       double power_kw) {
   fsw_plant_field *f = p->field;

@@ -14,7 +14,8 @@ enum { DEPTH, TORQUE, TEMPERATURE };
 #endif
 const char *fsw_plant_id(void) { return FSW_PLANT_ID; }
 
-/* What a first-order lag leaves of a deviation after a tick, and its mean over the tick. */
+/* What a first-order lag leaves of a deviation after a tick, and its mean over the tick. Both are
+ * exact for a set-point that is held over the tick, so no smaller steps are needed. */
 static double lag_left(double lag_s) { return lag_s > 0.0 ? exp(-STEP_S / lag_s) : 0.0; }
 static double lag_mean(double lag_s) { return lag_s / STEP_S * (1.0 - lag_left(lag_s)); }
 
@@ -48,6 +49,8 @@ void fsw_plant_sensor_configure(fsw_plant_sensor *s, double deviation, double re
   s->deviation = deviation, s->resolution = resolution, s->kept = lag_left(correlation_s);
 }
 
+/* In the order of the signal: sticking, delay of the fieldbus, largest step, lag. Returns the mean
+ * over the tick, which drives the process; the position at its end is what the drive reports. */
 double fsw_plant_drive_advance(fsw_plant_drive *d, double target) {
   if (fabs(target - d->setpoint) < d->band) target = d->setpoint;
   if (d->dead_ticks > 0) {
@@ -130,6 +133,9 @@ static double shown_beside(const fsw_plant *p, const fsw_plant_mount *s, double 
          s->runout * g->runout_mm * sin(2.0 * PI * g->turns);
 }
 
+/* Equilibrium at a power. The tool's torque (19)-(22) does not depend on the speed, so it gives the
+ * speed that makes this power (24); friction (23) then follows from the speed, and both together are
+ * the motor's torque (18) at rest. Each pass below adds one of these to the outputs. */
 void fsw_plant_begin(fsw_plant *p, const fsw_plant_model *m, const double *x, double power_kw) {
   fsw_plant_machine *g = &p->machine;
   fsw_plant_outputs *y = &p->outputs;
@@ -155,6 +161,8 @@ void fsw_plant_begin(fsw_plant *p, const fsw_plant_model *m, const double *x, do
   p->probe.value_c = p->probe.process_c = p->probe.around_c = y->temperature_c;
 }
 
+/* Inverts (16) and (27) at rest: the rise of the temperature gives the power, and the softening that
+ * goes with it the depth of nominal copper. */
 int fsw_plant_start(fsw_plant *p, const fsw_plant_model *m, double depth_mm, double temperature_c) {
   const double rise_c = temperature_c - m->temperature_c;
   const double power_kw = m->power_kw + rise_c / m->gain_c_per_kw;
@@ -165,6 +173,8 @@ int fsw_plant_start(fsw_plant *p, const fsw_plant_model *m, double depth_mm, dou
   return 0;
 }
 
+/* Another length of the dead time. Ages count from the newest power; where the longer queue has no
+ * past of its own, the oldest known power repeats, as if it had been held before. */
 void fsw_plant_refit(fsw_plant *p, int before, int after) {
   double kept[FSW_PLANT_DELAY][FSW_PLANT_POWER];
   for (int k = 0; k < after; k++) {
@@ -214,7 +224,10 @@ int fsw_plant_leave(fsw_plant *p, double depth_mm, const fsw_plant_inputs *u) {
   return FSW_PLANT_LEFT;
 }
 
-/* One step of the paper's process with an added torque; not 0 if it leaves the model: nothing is changed then. */
+/* One step of the paper's process with an added torque; not 0 if it leaves the model: nothing is changed then.
+ * The ring of powers is the dead time of (16): the oldest one heats now, and the power made in this
+ * step takes its place. A power is kept as functions of time within its step, so that the delayed
+ * heat is exact also where the dead time is not a whole number of steps. */
 static int advance(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_inputs *u) {
   double x[FSW_PLANT_STATES], power[FSW_PLANT_POWER], depth_mm, mean_kw, warm[3], *temperatures = warm;
   const int newer = (p->oldest + 1) % m->delay_steps;
@@ -235,6 +248,8 @@ static int advance(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_input
   return 0;
 }
 
+/* What the step leaves behind: outputs, growth of the machine, and the torque J dw/dt that the motor
+ * needs to accelerate the spindle (the peaks of the paper's Fig. 5; no heat comes of it). */
 static void settle(fsw_plant *p, const fsw_plant_model *m, const fsw_plant_inputs *u) {
   outputs_in_copper(p, m, u->end[FORCE], u->end[SPEED]);
   machine_advance(&p->machine, p->outputs.power_kw, u->mean[SPEED]);
