@@ -67,19 +67,47 @@ def publish(page: str, content: Mapping[str, Any]) -> None:
 def run(
     description: str | None,
     quick: str,
-    measure: Callable[[bool], tuple[Figures, Mapping[str, Any]]],
+    measure: Callable[..., tuple[Figures, Mapping[str, Any]]],
     page: str = "",
-) -> None:
-    """Measure, print the figures, save them and, unless quick, write the page.
+    options: Mapping[str, Mapping[str, Any]] | None = None,
+    aims: Mapping[str, float] | None = None,
+    sign: str = ">=",
+) -> Figures:
+    """Measure, print the figures with their aims, save them and, unless quick, write the page.
 
-    ``measure`` is told whether to be quick; it returns the figures and the content of the page.
+    ``measure`` gets ``quick`` and the values of ``options`` (arguments of the command line, each
+    with those of ``add_argument``) by name; it returns the figures, which are returned, and the
+    content of the page, empty if there is to be none.
     """
-    chosen = parser(description, quick).parse_args()
-    figures, content = measure(chosen.quick)
-    show(figures)
-    save(figures, chosen.json)
-    if page and not chosen.quick:
+    made = parser(description, quick)
+    for name, settings in (options or {}).items():
+        made.add_argument(name, **settings)
+    chosen = vars(made.parse_args())
+    file = chosen.pop("json")
+    figures, content = measure(**chosen)
+    show(figures, aims, sign)
+    save(figures, file)
+    if page and content and not chosen["quick"]:
         publish(page, content)
+    return figures
+
+
+def flat(nested: Mapping[Any, Any], between: str = ": ") -> Figures:
+    """Figures of nested mappings by the keys that lead to them, e.g. "canister: depth stuck: welds"; a key may be a tuple."""
+    figures: Figures = {}
+    for key, value in nested.items():
+        name = between.join(map(str, key)) if isinstance(key, tuple) else str(key)
+        if isinstance(value, Mapping):
+            figures |= {f"{name}{between}{rest}": of for rest, of in flat(value, between).items()}
+        else:
+            figures[name] = value
+    return figures
+
+
+def records(table: Any) -> list[Figures]:
+    """Rows of a data frame as plain values; None where a value is missing."""
+    rows: list[Figures] = table.astype(object).where(table.notna(), None).to_dict("records")
+    return rows
 
 
 def counted(results: Iterable[Any], jobs: Sequence[Any], name: str = "") -> list[Any]:

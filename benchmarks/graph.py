@@ -132,41 +132,33 @@ def used_by(samples):
     return {name: float(value) for name, value in figures.items()}
 
 
-def main():
-    """Measure, print a table, write JSON."""
-    options = _benchmark.parser(__doc__, "shorter scenario, fewer repetitions")
-    options.add_argument(
-        "--whole-weld",
-        action="store_true",
-        help="instead, 45 minutes in real time with the operator's page",
-    )
-    options.add_argument("--out", type=Path, help="keep bag and logs in this new folder")
-    arguments = options.parse_args()
-    name, repetitions = ("quick", 1) if arguments.quick else ("reference_tracking", 3)
-    result = {
-        "scenario": name,
-        "repetitions": repetitions,
-        "cpus": os.cpu_count(),
-        "python": platform.python_version(),
-    }
+def measure(quick, whole_weld, out):
+    """Figures of the graph."""
+    name, repetitions = ("quick", 1) if quick else ("reference_tracking", 3)
     with tempfile.TemporaryDirectory() as scratch:
-        folder = arguments.out or Path(scratch) / "weld"
+        folder = out or Path(scratch) / "weld"
         folder.mkdir(parents=True)
-        if arguments.whole_weld:
-            name = "reference_tracking" if arguments.quick else "canister_weld"
-            result = ten_hertz(name, folder, with_page=True)
-        else:
-            result["offline_steps_per_s"] = offline_steps_per_s(name, 3 * repetitions)
-            result["graph_steps_per_s"], result["graph_start_and_stop_s"] = graph_steps_per_s(
-                name, (), repetitions
-            )
-            result["graph_with_nmpc_steps_per_s"], _ = graph_steps_per_s(
-                name, ("nmpc",), repetitions
-            )
-            result |= ten_hertz("quick", folder)
-    _benchmark.show(result, AIMS)
-    _benchmark.save(result, arguments.json)
+        if whole_weld:
+            name = "reference_tracking" if quick else "canister_weld"
+            return ten_hertz(name, folder, with_page=True), {}
+        figures = {
+            "scenario": name,
+            "repetitions": repetitions,
+            "cpus": os.cpu_count(),
+            "python": platform.python_version(),
+            "offline_steps_per_s": offline_steps_per_s(name, 3 * repetitions),
+        }
+        for words, controllers in (("graph", ()), ("graph_with_nmpc", ("nmpc",))):
+            rate, start_s = graph_steps_per_s(name, controllers, repetitions)
+            figures |= {f"{words}_steps_per_s": rate, f"{words}_start_and_stop_s": start_s}
+        return figures | ten_hertz("quick", folder), {}
 
 
 if __name__ == "__main__":
-    main()
+    whole = "instead, 45 minutes in real time with the operator's page"
+    options = {
+        "--whole-weld": {"action": "store_true", "help": whole},
+        "--out": {"type": Path, "help": "keep bag and logs in this new folder"},
+    }
+    quick = "shorter scenario, fewer repetitions"
+    _benchmark.run(__doc__, quick, measure, options=options, aims=AIMS)

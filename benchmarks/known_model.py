@@ -214,13 +214,12 @@ def measure(quick):
     plants = random_factors(2 if quick else PLANTS, seed=SEED)
     tasks = [Task(i, factors) for i, factors in enumerate(plants)]
     table = table_of(_benchmark.counted(on_all_cores(measured, tasks), tasks))
-    flat = {
-        f"{kind}: {name}: {key}: {word}": value
-        for (kind, name), of in table.items()
+    figures = {
+        (*names, key): dict(zip(("median", "worst"), both, strict=True))
+        for names, of in table.items()
         for key, both in of.items()
-        for word, value in zip(("median", "worst"), both, strict=True)
     }
-    return flat, globals() | {"table": table}
+    return _benchmark.flat(figures), globals() | {"table": table}
 
 
 if __name__ == "__main__":

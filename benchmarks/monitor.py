@@ -7,9 +7,7 @@ With ``--calibrate`` it computes the level of alarms instead, from other seeds. 
 monitor was set by those of the page. ``monitor_welds.py`` says how the plants are drawn.
 """
 
-import os
 import time
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from statistics import NormalDist
 
@@ -24,6 +22,7 @@ from fsw_quality.diagnosis import Estimate, WatchCause
 from fsw_quality.likelihood import default_covariance
 from fsw_quality.monitor import ALARM, LASTS_S, SMOOTHED_S, Monitor
 from fsw_quality.monitor_run import watch
+from fsw_tuning.standard_runs import on_all_cores
 
 #: seeds of the welds without a fault, of each fault, and of one that an aim is for by its size
 HEALTHY, FAULTY, AIMED = range(7050, 7100), range(2000, 2003), range(2000, 2006)
@@ -76,8 +75,9 @@ CLAIRVOYANT = 0.5 * DECIDES**2
 MODELS = "nominal", "identified"
 
 
-def judged(process, case, seed, model):
+def judged(task):
     """One weld, watched by one of ``MODELS``; its row."""
+    process, case, seed, model = task
     signals, moved_s, controller = weld(process, seed, case, HEALTHY_S.get(case, DURATION_S))
     known = identified(process, seed) if model == "identified" else ()
     monitor, durations, expected = Monitor(process, *known), [], []
@@ -140,21 +140,21 @@ def numbers(estimate: Estimate):
     return None if estimate.reason else estimate.scaled[:2]
 
 
-def largest(process, seed):
+def largest(task):
     """Largest smoothed log likelihood ratio of any fault in a whole healthy weld."""
+    process, seed = task
     signals, *_ = weld(process, seed, "none", LONG_S)
     return max(watch(Monitor(process), signals).ratios)
 
 
-def calibrate():
+def level():
     """Level that the largest ratio of a weld exceeds in the share that is allowed, by a Gumbel distribution.
 
     It is the largest of all causes, onsets and times of a weld, so that the share is that of all of
     them together; maxima of many dependent values tend to such a distribution (Gumbel, Statistics of
     Extremes, 1958).
     """
-    with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
-        maxima = list(pool.map(largest, *zip(*product(PROCESSES, CALIBRATING), strict=True)))
+    maxima = list(on_all_cores(largest, list(product(PROCESSES, CALIBRATING))))
     fitted = scipy.stats.gumbel_r(*scipy.stats.gumbel_r.fit(maxima))
     return {
         "welds": len(maxima),
@@ -275,28 +275,12 @@ def planned(quick):
     return tasks
 
 
-def main():
-    """Measure, print a table, write JSON and the page."""
-    arguments = _benchmark.parser(__doc__, "few welds, no page")
-    arguments.add_argument(
-        "--calibrate", action="store_true", help="compute the level of alarms; no page"
-    )
-    chosen = arguments.parse_args()
-    if chosen.calibrate:
-        _benchmark.show(figures := calibrate())
-        _benchmark.save(figures, chosen.json)
-        return
-    figures, content = content_of(watched(planned(chosen.quick)))
-    _benchmark.show(figures)
-    _benchmark.save(figures, chosen.json)
-    if not chosen.quick:
-        _benchmark.publish("monitor", content)
-
-
-def watched(tasks):
-    """Rows of all welds."""
-    with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
-        return _benchmark.counted(pool.map(judged, *zip(*tasks, strict=True)), tasks, "welds:")
+def measure(quick, calibrate):
+    """Figures, and the content of the page; or the level of alarms."""
+    if calibrate:
+        return level(), {}
+    tasks = planned(quick)
+    return content_of(_benchmark.counted(on_all_cores(judged, tasks), tasks, "welds:"))
 
 
 def content_of(rows):
@@ -311,24 +295,13 @@ def content_of(rows):
         if (row := summary(rows, process, case, model))["aim_s"] is not None and row["welds"]
     }
     figures = overall(rows)
-    flat = {
-        f"{process}: {case}: {name}": value
-        for process, table in tables.items()
-        for case, row in table.items()
-        for name, value in row.items()
-    } | {
-        f"{process}: {case}, identified: {name}": value
+    sizes = {process: without_fault(rows, process) for process in PROCESSES}
+    identified_aims = {
+        (process, f"{case}, identified"): row
         for (process, case, model), row in aims.items()
         if model == "identified"
-        for name, value in row.items()
     }
-    sizes = {process: without_fault(rows, process) for process in PROCESSES}
-    flat |= {
-        f"{process}: {cause}: {name}": value
-        for process, causes in sizes.items()
-        for cause, row in causes.items()
-        for name, value in row.items()
-    }
+    flat = _benchmark.flat(tables) | _benchmark.flat(identified_aims) | _benchmark.flat(sizes)
     return figures | flat, {
         "figures": figures,
         "tables": tables,
@@ -345,4 +318,5 @@ def content_of(rows):
 
 
 if __name__ == "__main__":
-    main()
+    calibrate = {"action": "store_true", "help": "compute the level of alarms; no page"}
+    _benchmark.run(__doc__, "few welds, no page", measure, "monitor", {"--calibrate": calibrate})

@@ -84,23 +84,20 @@ RIVAL_NAMES = (*RIVALS, FatropSolver.name)
 SAME_COST = 1e-3
 
 
+def measure(quick: bool, only_ratios: bool) -> tuple[_benchmark.Figures, _benchmark.Figures]:
+    """Figures of all measurements."""
+    figures: _benchmark.Figures = {}
+    for part in (ratios,) if only_ratios else (step_times, ratios, against_converged):
+        print(f"{(part.__doc__ or '').splitlines()[0]} ...", file=sys.stderr, flush=True)
+        figures |= part(quick)
+    return figures, {}
+
+
 def main() -> int:
     """Run all measurements; returns the exit code."""
-    arguments = _benchmark.parser(__doc__, "shorter runs: minutes become seconds")
-    arguments.add_argument(
-        "--only-ratios", action="store_true", help="only the comparison with other solvers"
-    )
-    options = arguments.parse_args()
-    figures: _benchmark.Figures = {}
-    for part in (ratios,) if options.only_ratios else (step_times, ratios, against_converged):
-        print(
-            f"{(part.__doc__ or '').splitlines()[0].removesuffix('.')} ...",
-            file=sys.stderr,
-            flush=True,
-        )
-        figures |= part(options.quick)
-        _benchmark.save(figures, options.json)
-    _benchmark.show(figures)
+    only = {"action": "store_true", "help": "only the comparison with other solvers"}
+    quick = "shorter runs: minutes become seconds"
+    figures = _benchmark.run(__doc__, quick, measure, options={"--only-ratios": only})
     others = [
         name
         for name, value in figures.items()

@@ -257,14 +257,14 @@ def compare(preset: str, quick: bool) -> _benchmark.Figures:
     return figures | {f"{preset}_unsolved_{name}": count for name, count in unsolved.items()}
 
 
+def measure(quick: bool) -> tuple[_benchmark.Figures, _benchmark.Figures]:
+    """Figures of both presets."""
+    return compare("default", quick) | compare("paper", quick), {}
+
+
 def main() -> int:
     """Run the comparison; returns the exit code."""
-    options = _benchmark.parser(__doc__, "four problems a preset instead of twenty").parse_args()
-    figures: _benchmark.Figures = {}
-    for preset in ("default", "paper"):
-        figures |= compare(preset, options.quick)
-        _benchmark.save(figures, options.json)
-    _benchmark.show(figures)
+    figures = _benchmark.run(__doc__, "four problems a preset instead of twenty", measure)
     return int(any(figures[f"{preset}_excess_own"] > SAME_COST for preset in ("default", "paper")))
 
 

@@ -151,11 +151,7 @@ def measure(quick: bool) -> tuple[_benchmark.Figures, Mapping[str, object]]:
     labels = ("nmpc:paper", DEFAULT, CONSERVATIVE) if quick else LABELS
     found = dict(zip(labels, on_all_cores(measured, labels), strict=True))
     judged = {label: answers(own, found[CONSERVATIVE]) for label, own in found.items()}
-    flat = {
-        f"{label}: {key}": value
-        for label in labels
-        for key, value in (found[label] | judged[label]).items()
-    }
+    flat = _benchmark.flat({label: found[label] | judged[label] for label in labels})
     return flat, globals() | {"found": found, "judged": judged}
 
 

@@ -38,7 +38,7 @@ EXPORTS: dict[str, tuple[list[str], str, tuple[str, ...]]] = {
 }
 
 
-def measure(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
+def exported(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
     """All figures of one export, by target."""
     arguments, prefix, targets = EXPORTS[name]
     folder = scratch / name
@@ -81,29 +81,18 @@ def measure(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
     return figures
 
 
-def main() -> int:
-    """Measure, print and, if asked to, publish."""
-    arguments = _benchmark.parser(__doc__, "Cortex-M7 only")
-    arguments.add_argument(
-        "--publish", action="store_true", help="also write the shipped figures and docs/results"
-    )
-    given = arguments.parse_args()
+def measure(quick: bool, publish: bool) -> tuple[_benchmark.Figures, _benchmark.Figures]:
+    """Figures of all exports; writes what is shipped, if asked to."""
     with tempfile.TemporaryDirectory() as scratch:
-        found = {name: measure(name, Path(scratch), given.quick) for name in EXPORTS}
-    flat = {
-        f"{n}.{t}.{k}": v
-        for n, by in found.items()
-        for t, one in by.items()
-        for k, v in one.items()
-    }
-    _benchmark.show({key: value for key, value in flat.items() if not isinstance(value, str)})
-    _benchmark.save(flat, given.json)
-    if given.publish:
-        PUBLISHED.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-        PAGE.write_text(results_page(found), encoding="utf-8")
+        exports = {name: exported(name, Path(scratch), quick) for name in EXPORTS}
+    if publish:
+        PUBLISHED.write_text(json.dumps(exports, indent=2) + "\n", encoding="utf-8")
+        PAGE.write_text(results_page(exports), encoding="utf-8")
         print(f"wrote {PUBLISHED.relative_to(ROOT)} and {PAGE.relative_to(ROOT)}", file=sys.stderr)
-    return 0
+    return _benchmark.flat(exports, "."), {}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    what = "also write the shipped figures and docs/results"
+    options = {"--publish": {"action": "store_true", "help": what}}
+    _benchmark.run(__doc__, "Cortex-M7 only", measure, options=options)
