@@ -33,7 +33,7 @@ if Path(sys.argv[0]).resolve().parent == HERE and multiprocessing.parent_process
 def parser(description: str | None, quick: str) -> argparse.ArgumentParser:
     """Parser with ``--quick``, which means what ``quick`` says, and ``--json``."""
     made = argparse.ArgumentParser(description=(description or "").partition("\n")[0])
-    made.add_argument("--quick", action="store_true", help=quick)
+    made.add_argument("--quick", action="store_true", help=quick.replace("%", "%%"))
     made.add_argument("--json", type=Path, metavar="FILE", help="write the figures as flat JSON")
     return made
 
