@@ -27,7 +27,7 @@ if Path(sys.argv[0]).resolve().parent == HERE and multiprocessing.parent_process
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from _bootstrap import ensure
 
-    ensure(dev=True, extras=("canister", "history", "hmi", "machine"))
+    ensure(dev=True, extras=("canister", "history", "hmi", "machine", "science"))
 
 
 def parser(description: str | None, quick: str) -> argparse.ArgumentParser:
@@ -112,9 +112,9 @@ def records(table: Any) -> list[Figures]:
 
 def counted(results: Iterable[Any], jobs: Sequence[Any], name: str = "") -> list[Any]:
     """All results, with the progress on standard error."""
-    found = []
+    kept = []
     for result in results:
-        found.append(result)
-        print(f"\r{name} {len(found)} of {len(jobs)}", end="", file=sys.stderr, flush=True)
+        kept.append(result)
+        print(f"\r{name} {len(kept)} of {len(jobs)}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
-    return found
+    return kept

@@ -254,11 +254,13 @@ def faulty(case: Case) -> dict[str, Any]:
     signals, estimates = welded(case)
     channel = DEPTH_CHANNELS.get(case.channel)
     first = round((case.event or FAULTS.get(case.fault, {})).get("at_s", AT_S) / TICK_S) - 1
-    named = named_at([one.health[channel] for one in estimates], first) if channel else None
+    named = (
+        named_at([estimate.health[channel] for estimate in estimates], first) if channel else None
+    )
     others = {
         name
-        for one in estimates
-        for name, health in one.health.items()
+        for estimate in estimates
+        for name, health in estimate.health.items()
         if name != channel and health in _FOR_GOOD
     }
     error = np.abs(error_mm(signals))[first if channel else 0 :]
@@ -270,7 +272,7 @@ def faulty(case: Case) -> dict[str, Any]:
         "inside": float((error <= AIM_MM).mean()),
         "worst_mm": float(error.max()),
         "suspect_s": TICK_S
-        * sum(ChannelHealth.SUSPECT in one.health.values() for one in estimates),
+        * sum(ChannelHealth.SUSPECT in estimate.health.values() for estimate in estimates),
     }
 
 
@@ -323,23 +325,23 @@ def by_fault(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 def tables_of(size: Size, folder: str) -> dict[str, Any]:
     """Make all welds; returns the tables."""
-    found: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
     kinds = product(range(size.faulty), FAULTS, DEPTH_CHANNELS)
     cases = [
         Case(FIRST + 100 + k, 1, FAULTY_S, fault=fault, channel=channel)
         for k, (_, fault, channel) in enumerate(kinds)
     ]
-    found["by_channel"] = _all(faulty, cases)
-    found["faults"] = by_fault(found["by_channel"])
-    found["bounds"] = {
+    tables["by_channel"] = _all(faulty, cases)
+    tables["faults"] = by_fault(tables["by_channel"])
+    tables["bounds"] = {
         f"{rate:g}": {name: least_delay_s(name, rate) for name in CHANNELS} for rate in DRIFTS
     }
     slips = product(range(size.near), (*SLIPS, *SHARES), DEPTH_CHANNELS)
     near = [near_edge(FIRST + 3000 + k, *slip) for k, (_, *slip) in enumerate(slips)]
-    rows = found["edges_by_channel"] = _all(faulty, near)
-    found["edges"] = by_fault(rows)
+    rows = tables["edges_by_channel"] = _all(faulty, near)
+    tables["edges"] = by_fault(rows)
     sound = _all(faulty, [Case(FIRST + 1000 + k, 1, size.seconds) for k in range(size.sound)])
-    found["sound"] = {
+    tables["sound"] = {
         "welds": len(sound),
         "seconds": size.seconds,
         "isolated": sum(row["others"] > 0 for row in sound),
@@ -350,8 +352,8 @@ def tables_of(size: Size, folder: str) -> dict[str, Any]:
         (folder, FIRST + machine, controller, source, size.seconds)
         for machine, controller, source in product(range(size.machines), CONTROLLERS, (ONE, FOUR))
     ]
-    found["accuracy"] = by_source([row for rows in _all(accuracy, tasks) for row in rows])
-    return found
+    tables["accuracy"] = by_source([row for rows in _all(accuracy, tasks) for row in rows])
+    return tables
 
 
 def _all(function: Any, tasks: Sequence[Any]) -> list[Any]:

@@ -84,7 +84,9 @@ def ten_hertz(name, folder, with_page=False):
             bar(share)
             now_s = time.perf_counter()
             if not samples or now_s >= samples[-1][0] + EVERY_S:
-                running = {name: one for name, one in launcher.children.items() if one.running}
+                running = {
+                    name: child for name, child in launcher.children.items() if child.running
+                }
                 pids = {name: child.process.pid for name, child in running.items()}
                 used = {name: (processor_s(pid), memory_mib(pid)) for name, pid in pids.items()}
                 samples.append((now_s, used))

@@ -99,7 +99,7 @@ class Raised:
 
     def step(self, measurement, reference, applied, dt_s):
         """One tick."""
-        coming = tuple(one._replace(**higher(one)) for one in reference.coming)
+        coming = tuple(point._replace(**higher(point)) for point in reference.coming)
         raised = replace(reference, coming=coming, **higher(reference))
         return self._controller.step(measurement, raised, applied, dt_s)
 
@@ -139,7 +139,7 @@ def signals_of(task):
     parameters = {name: {"model_file": task.model}} if task.model else {}
     controllers = make_all(scenario, label, parameters)
     if task.label == HOTTEST:
-        controllers = {name: Raised(one) for name, one in controllers.items()}
+        controllers = {name: Raised(controller) for name, controller in controllers.items()}
     return scenario, ClosedLoop(scenario, controllers, task.profile).run()
 
 
@@ -243,7 +243,7 @@ def profiles_of(kinds, whole, folder):
     profiles, models = {}, {}
     for i, kind in enumerate(kinds):
         drawn, *of_kind = signals[i * len(chosen) : (i + 1) * len(chosen)]
-        welds = [(str(k), f"{k:064d}", one) for k, one in enumerate(of_kind)]
+        welds = [(str(k), f"{k:064d}", weld) for k, weld in enumerate(of_kind)]
         first = known(welds[:1], f"type_{kind}", nominal())
         models[kind] = str(folder / f"type_{kind}.model.yaml")
         Path(models[kind]).write_text(model_text(first), encoding="utf-8")
@@ -411,7 +411,7 @@ def content_of(rows, profiles):
         "moved": moves,
         "rivals": RIVALS,
         "saturated": saturated.tolist(),
-        "profiles": {key: one for key, one in profiles.items() if key[1] == LEARNED[-1]},
+        "profiles": {key: profile for key, profile in profiles.items() if key[1] == LEARNED[-1]},
         "most": MOST_COST,
     }
 

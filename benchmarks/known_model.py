@@ -95,9 +95,9 @@ class Bank:
 
     def step(self, measurement, *arguments):
         """One tick of all."""
-        proposals = [one.step(measurement, *arguments) for one in self._controllers]
+        proposals = [each.step(measurement, *arguments) for each in self._controllers]
         weights = self.weights(measurement.time_s)
-        command = Command(*(weights @ np.array([one.command for one in proposals])))
+        command = Command(*(weights @ np.array([proposal.command for proposal in proposals])))
         return replace(proposals[int(weights.argmax())], command=command)
 
 
@@ -148,8 +148,8 @@ def figures_of(signals, begin_s):
         "depth": truth.depth_mm - signals.reference_depth_mm,
         "temperature": truth.temperature_c - signals.reference_temperature_c,
     }
-    found = {name: TICK_S * float(np.abs(of[late]).sum()) for name, of in errors.items()}
-    return found | {"moved": float(np.abs(np.diff(signals.speed_rpm[late])).sum())}
+    integrals = {name: TICK_S * float(np.abs(of[late]).sum()) for name, of in errors.items()}
+    return integrals | {"moved": float(np.abs(np.diff(signals.speed_rpm[late])).sum())}
 
 
 def measured(task):
@@ -162,7 +162,7 @@ def measured(task):
         "identified": known,
         "true": nominal().scaled(**factors),
     }
-    found = {}
+    figures = {}
     with tempfile.TemporaryDirectory() as folder:
 
         def controller(model):
@@ -178,12 +178,12 @@ def measured(task):
                     for gain in GAINS
                     for more_s in MORE_S
                 ]
-                return Bank([controller(changed(known, one)) for one in around])
-            one = controller(models[name])
+                return Bank([controller(changed(known, change)) for change in around])
+            single = controller(models[name])
             if name == "true" and change:
                 after = controller(changed(models[name], change))
-                return Informed((one, after), CHANGED_S[case])
-            return one
+                return Informed((single, after), CHANGED_S[case])
+            return single
 
         for kind, name, case in product(CHANGES, MODELS, CASES):
             change = CHANGES[kind]
@@ -193,8 +193,8 @@ def measured(task):
                 continue
             signals = loop_of(case, plant, welder(name, change, case), change).run()
             values = figures_of(signals, CHANGED_S[case] if change else 0.0)
-            found |= {(kind, name, f"{case} {key}"): of for key, of in values.items()}
-    return found
+            figures |= {(kind, name, f"{case} {key}"): of for key, of in values.items()}
+    return figures
 
 
 def table_of(rows):

@@ -95,10 +95,10 @@ def judged(task):
             information = monitor.process.information(cause, FAULT_S)
             expected.append(0.5 * TRUE_SIZES[case] ** 2 * information)
         present = any(
-            one.word in causes
+            cause.word in causes
             for finding in monitor.findings
             if finding.alarm
-            for one in (finding.cause, *finding.others)
+            for cause in (finding.cause, *finding.others)
         )
         stale = present and (stale or sample.time_s < FAULT_S)
         if present and not stale and named_s is None:
@@ -106,14 +106,16 @@ def judged(task):
 
     monitor.step = timed
     watched = watch(monitor, signals)
-    alarms = [(one.begin_s, one.finding.cause.word) for one in watched.alarms]
+    alarms = [(alarm.begin_s, alarm.finding.cause.word) for alarm in watched.alarms]
     sizes = {}  # of the fault when it has lasted for a minute and at the end, without one of all
     if cause and begin_s + LASTS_S < watched.time_s[-1]:
         at = int(np.searchsorted(watched.time_s, begin_s + LASTS_S))
         for name, estimates in (("minute", watched.estimates[at]), ("end", watched.estimates[-1])):
-            sizes[name] = next(numbers(one) for one in estimates if one.cause == cause)
+            sizes[name] = next(
+                numbers(estimate) for estimate in estimates if estimate.cause == cause
+            )
     elif not faulty:
-        sizes = {one.cause.word: numbers(one) for one in watched.estimates[-1]}
+        sizes = {estimate.cause.word: numbers(estimate) for estimate in watched.estimates[-1]}
     return {
         "process": process,
         "case": case,
@@ -123,9 +125,9 @@ def judged(task):
         "controller": controller,
         "false": [cause for at_s, cause in alarms if not faulty or at_s < FAULT_S],
         "named_s": named_s,
-        "sizes": {name: one for name, one in sizes.items() if one},
+        "sizes": {name: size for name, size in sizes.items() if size},
         "possible_s": next(
-            (TICK_S * tick for tick, one in enumerate(expected, 1) if one >= CLAIRVOYANT), None
+            (TICK_S * tick for tick, ratio in enumerate(expected, 1) if ratio >= CLAIRVOYANT), None
         ),
         "expected": expected[: round(60.0 / TICK_S)][-1] if expected else None,
         "step_ms": {
@@ -164,7 +166,7 @@ def level():
         "level": float(fitted.isf(SHARE)),
         "shipped": ALARM,
         "percent_at_shipped": 100.0 * float(fitted.sf(ALARM)),
-        "welds_over_shipped": sum(one >= ALARM for one in maxima),
+        "welds_over_shipped": sum(ratio >= ALARM for ratio in maxima),
     }
 
 
@@ -178,7 +180,7 @@ def summary(rows, process, case, model):
     ]
     named = [row["named_s"] for row in own if row["named_s"] is not None]
     possible = [row["possible_s"] for row in own]
-    late_s = np.median([np.inf if one is None else one for one in possible] or [np.inf])
+    late_s = np.median([np.inf if at_s is None else at_s for at_s in possible] or [np.inf])
     sized = bool(own) and all(row["expected"] is not None for row in own)
     aim_s = AIMS_S.get(case) if process == "paper" or case not in OF_HEAT else None
     return {
@@ -187,8 +189,8 @@ def summary(rows, process, case, model):
         "median_s": float(np.median(named)) if named else None,
         "worst_s": max(named, default=None),
         "aim_s": aim_s,
-        "in_time": None if aim_s is None else sum(one <= aim_s for one in named),
-        "possible": sum(one is not None for one in possible) if sized else None,
+        "in_time": None if aim_s is None else sum(delay_s <= aim_s for delay_s in named),
+        "possible": sum(at_s is not None for at_s in possible) if sized else None,
         "possible_s": float(late_s) if np.isfinite(late_s) else None,
         "expected": float(np.median([row["expected"] for row in own])) if sized else None,
         "possible_percent": 100.0
@@ -201,31 +203,31 @@ def summary(rows, process, case, model):
 
 def estimated(own, case):
     """In how many welds the band of a fault's size contains the true one, and excludes 0; the band, all at both times."""
-    found = {}
+    figures = {}
     for name in ("minute", "end"):
         sizes = [row["sizes"][name] for row in own if name in row["sizes"]]
         size = SHOWN_SIZES.get(case, 0.0)
-        found |= {
+        figures |= {
             f"{name}_sized": len(sizes),
-            f"{name}_contains": sum(abs(one - size) <= 2.0 * error for one, error in sizes),
-            f"{name}_not_0": sum(abs(one) > 2.0 * error for one, error in sizes),
-            f"{name}_size": float(np.median([one for one, _ in sizes])) if sizes else None,
+            f"{name}_contains": sum(abs(shown - size) <= 2.0 * error for shown, error in sizes),
+            f"{name}_not_0": sum(abs(shown) > 2.0 * error for shown, error in sizes),
+            f"{name}_size": float(np.median([shown for shown, _ in sizes])) if sizes else None,
             f"{name}_band": 2.0 * float(np.median([error for _, error in sizes]))
             if sizes
             else None,
         }
-    return found
+    return figures
 
 
 def without_fault(rows, process):
     """Of welds without a fault: in how many the band of each cause contains 0 at the end, and the band; and of all causes."""
     free = [row["sizes"] for row in rows if row["process"] == process and row["case"] in HEALTHY_S]
-    found = {}
+    figures = {}
     for cause in dict.fromkeys(cause for sizes in free for cause in sizes):
-        sizes = [one[cause] for one in free]
+        sizes = [estimates[cause] for estimates in free]
         contain = sum(abs(size) <= 2.0 * error for size, error in sizes)
         low, high = wilson(contain, len(sizes))
-        found[cause] = {
+        figures[cause] = {
             "welds": len(sizes),
             "contain_0": contain,
             "percent": [100.0 * contain / len(sizes), 100.0 * low, 100.0 * high],
@@ -233,7 +235,7 @@ def without_fault(rows, process):
             "unit": Estimate(WatchCause[cause.upper()]).unit,
         }
     whole = sum(all(abs(s) <= 2.0 * e for s, e in sizes.values()) for sizes in free)
-    return found | {"all causes": {"welds": len(free), "contain_0": whole}}
+    return figures | {"all causes": {"welds": len(free), "contain_0": whole}}
 
 
 def overall(rows):

@@ -188,12 +188,12 @@ def by_casadi(name: str, qp: Qp, warm: bool) -> Answer:
     times, solver_s = [], []
     for _ in range(REPEATS):
         began = time.thread_time()
-        found = solver(h=h, a=a, **bounds, **more)
+        solution = solver(h=h, a=a, **bounds, **more)
         times.append(time.thread_time() - began)
         stats = solver.stats()
         solver_s.append(stats["t_proc_solver"] or times[-1])  # OSQP does not tell
     inside, outside = statistics.median(solver_s), statistics.median(times)
-    moves = np.asarray(found["x"].full().ravel()[: len(qp.start)], dtype=np.float64)
+    moves = np.asarray(solution["x"].full().ravel()[: len(qp.start)], dtype=np.float64)
     return Answer(inside, max(0.0, outside - inside), moves if stats["success"] else None)
 
 

@@ -58,26 +58,26 @@ def exported(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
         options = ["-DFSW_STACK_USAGE=1", "-DFSW_COUNTER=1"] if target.counts else []
         c_targets.build(folder, target, built, *options)
         c_targets.run_vectors(folder, built)
-        found = figures[key] = {
+        own = figures[key] = {
             "title": target.title,
             "largest_difference": c_targets.largest_difference(folder, built),
         }
         if not target.counts:
             continue
         counts, iterations = c_targets.instructions(folder, built)
-        found["instructions_p50"] = int(np.median(counts))
-        found["instructions_p99"] = int(np.percentile(counts, 99))
-        found["instructions_max"] = int(counts.max())
+        own["instructions_p50"] = int(np.median(counts))
+        own["instructions_p99"] = int(np.percentile(counts, 99))
+        own["instructions_max"] = int(counts.max())
         if iterations.any():
-            found["iterations_max"] = int(iterations.max())
+            own["iterations_max"] = int(iterations.max())
             slope, base = np.polyfit(iterations, counts, 1)
-            found["instructions_per_iteration"], found["instructions_without"] = (
+            own["instructions_per_iteration"], own["instructions_without"] = (
                 int(slope),
                 int(base),
             )
-        found["flash_bytes"], found["static_bytes"] = c_targets.sizes(built)
-        found["state_bytes"] = c_targets.state_bytes(built)
-        found["stack_bytes"] = c_targets.stack_bytes(built, f"{prefix}_step")
+        own["flash_bytes"], own["static_bytes"] = c_targets.sizes(built)
+        own["state_bytes"] = c_targets.state_bytes(built)
+        own["stack_bytes"] = c_targets.stack_bytes(built, f"{prefix}_step")
     return figures
 
 
