@@ -14,7 +14,7 @@ from statistics import NormalDist
 import _benchmark
 import numpy as np
 import scipy
-from monitor_welds import CASES, DURATION_S, FAULT_S, IDENTIFIED, PROCESSES, identified, weld
+from monitor_welds import CASES, DURATION_S, FAULT_S, IDENTIFIED, PROCESSES, Case, identified, weld
 
 from fsw_campaign.report import wilson
 from fsw_control.weld import TICK_S
@@ -35,38 +35,10 @@ HEALTHY_S = {"none": DURATION_S, "identified": DURATION_S, "long": LONG_S}
 #: seeds of whole healthy welds that calibrate the level of alarms, and the share of such welds that
 #: may exceed it
 CALIBRATING, SHARE = range(5500, 5516), 0.01
-#: what a fault must be named within [s] (of gains: after the set-point that shows it has moved)
-AIMS_S = {
-    **dict.fromkeys(("depth stuck", "torque stuck", "thermocouple stuck"), 3.0),
-    **dict.fromkeys(
-        ("thermocouple 2 °C/min", "torque gain +20 %", "depth gain +20 %", "depth gain -20 %"),
-        60.0,
-    ),
-    "heat gain +20 %": 60.0,
-}
 #: not judged on a canister, whose heat is unknown
 OF_HEAT = "heat gain +20 %", "dead time +1.5 s"
-#: what a clairvoyant looks for: size of the fault; it knows cause, size and onset, so that it makes
-#: one test in a weld
-TRUE_SIZES = {
-    "thermocouple 2 °C/min": 2.0 / 60.0,
-    "depth sensor 0.03 mm/min": 0.03 / 60.0,
-    "torque sensor 10 N·m/min": 10.0 / 60.0,
-    "load cell +2 kN": 2.0,
-    "tool wear 3 N·m/min": 3.0 / 60.0,
-    "tool wear 6 N·m/min": 6.0 / 60.0,
-    "torque gain +20 %": 0.2,
-    "depth gain +20 %": 0.2,
-    "depth gain -20 %": -0.2,
-    "heat gain +20 %": 0.2,
-    "dead time +1.5 s": 1.5,
-}
-#: the same as people read them
-SHOWN_SIZES = {
-    case: Estimate(WatchCause[CASES[case][2][0].upper()], size).scaled[0]
-    for case, size in TRUE_SIZES.items()
-}
-#: standard errors from which it decides for the fault: one false alarm in a hundred
+#: standard errors from which a clairvoyant, who makes one test in a weld, decides for the fault: one
+#: false alarm in a hundred
 NORMAL = NormalDist()
 DECIDES = NORMAL.inv_cdf(0.99)
 #: expected log likelihood ratio from which it finds the fault in one weld of two
@@ -82,9 +54,9 @@ def judged(task):
     known = identified(process, seed) if model == "identified" else ()
     monitor, durations, expected = Monitor(process, *known), [], []
     step, begin_s, faulty = monitor.step, max(FAULT_S, moved_s or 0.0), case in CASES
-    causes = CASES[case][2] if faulty else ()
+    planted = CASES.get(case, Case(()))
     named_s, stale = None, True  # whether the alarm was there before the fault
-    cause = WatchCause[CASES[case][2][0].upper()] if case in TRUE_SIZES else None
+    cause = None if planted.size is None else planted.cause
 
     def timed(sample):
         nonlocal named_s, stale
@@ -93,9 +65,9 @@ def judged(task):
         durations.append(time.thread_time() - began)
         if cause and sample.time_s > begin_s + 0.5:
             information = monitor.process.information(cause, FAULT_S)
-            expected.append(0.5 * TRUE_SIZES[case] ** 2 * information)
+            expected.append(0.5 * planted.size**2 * information)
         present = any(
-            cause.word in causes
+            cause.word in planted.causes
             for finding in monitor.findings
             if finding.alarm
             for cause in (finding.cause, *finding.others)
@@ -121,7 +93,7 @@ def judged(task):
         "case": case,
         "seed": seed,
         "model": model,
-        "excited": not faulty or not CASES[case][3] or moved_s is not None,
+        "excited": not planted.shown_by or moved_s is not None,
         "controller": controller,
         "false": [cause for at_s, cause in alarms if not faulty or at_s < FAULT_S],
         "named_s": named_s,
@@ -182,7 +154,7 @@ def summary(rows, process, case, model):
     possible = [row["possible_s"] for row in own]
     late_s = np.median([np.inf if at_s is None else at_s for at_s in possible] or [np.inf])
     sized = bool(own) and all(row["expected"] is not None for row in own)
-    aim_s = AIMS_S.get(case) if process == "paper" or case not in OF_HEAT else None
+    aim_s = CASES[case].aim_s if process == "paper" or case not in OF_HEAT else None
     return {
         "welds": len(own),
         "named": len(named),
@@ -203,10 +175,10 @@ def summary(rows, process, case, model):
 
 def estimated(own, case):
     """In how many welds the band of a fault's size contains the true one, and excludes 0; the band, all at both times."""
-    figures = {}
+    figures, planted = {}, CASES[case]
+    size = Estimate(planted.cause, planted.size).scaled[0] if planted.size else 0.0
     for name in ("minute", "end"):
         sizes = [row["sizes"][name] for row in own if name in row["sizes"]]
-        size = SHOWN_SIZES.get(case, 0.0)
         figures |= {
             f"{name}_sized": len(sizes),
             f"{name}_contains": sum(abs(shown - size) <= 2.0 * error for shown, error in sizes),
@@ -266,11 +238,11 @@ def planned(quick):
     """Process, case, seed and model of each weld."""
     healthy, known = (HEALTHY[1:3], KNOWN[1:2]) if quick else (HEALTHY, KNOWN)
     tasks = [] if quick else [*product(PROCESSES, ("long",), LONG, MODELS[:1])]
-    for case in CASES:
-        sized = case in AIMS_S and case in TRUE_SIZES
+    for case, planted in CASES.items():
+        sized = None not in (planted.aim_s, planted.size)
         seeds = FAULTY[1:2] if quick else AIMED if sized else FAULTY
         # one weld in four is left alone: no set-point shows its gains
-        seeds = [seed for seed in seeds if seed % 4 or not CASES[case][3]]
+        seeds = [seed for seed in seeds if seed % 4 or not planted.shown_by]
         tasks += product(PROCESSES, (case,), seeds, MODELS if sized else MODELS[:1])
     tasks += product(PROCESSES, ("none",), healthy, MODELS[:1])
     tasks += product(PROCESSES, ("identified",), known, MODELS[1:])
@@ -293,7 +265,7 @@ def content_of(rows):
     }
     aims = {
         (process, case, model): row
-        for process, case, model in product(PROCESSES, AIMS_S, MODELS)
+        for process, case, model in product(PROCESSES, CASES, MODELS)
         if (row := summary(rows, process, case, model))["aim_s"] is not None and row["welds"]
     }
     figures = overall(rows)
