@@ -302,11 +302,9 @@ def outside(welds, hot):
 def comparison(welds):
     """Of each weld its error in that of the same weld without profile: with the right ones, and with wrong ones."""
     each = welds[welds.phase == PHASES[0]]
-    model = each[each.label == "model"].set_index(["kind", "canister"]).rms_c
-    each = each[~each.label.isin((*RIVALS, "model"))].join(
-        model, on=["kind", "canister"], rsuffix="_model"
-    )
-    each["cost"] = each.rms_c / each.rms_c_model
+    without = each[each.label == "model"].set_index(["kind", "canister"]).rms_c.rename("without_c")
+    each = each[~each.label.isin((*RIVALS, "model"))].join(without, on=["kind", "canister"])
+    each["cost"] = each.rms_c / each.without_c
     return each[["label", "kind", "canister", "cost"]]
 
 
