@@ -16,7 +16,6 @@ from pathlib import Path
 
 import _benchmark
 import numpy as np
-from processes import memory_mib, processor_s
 
 from fsw.console import ProgressBar
 from fsw_analysis.signals import load_weld
@@ -88,7 +87,10 @@ def ten_hertz(name, folder, with_page=False):
                     name: child for name, child in launcher.children.items() if child.running
                 }
                 pids = {name: child.process.pid for name, child in running.items()}
-                used = {name: (processor_s(pid), memory_mib(pid)) for name, pid in pids.items()}
+                used = {
+                    name: (_benchmark.processor_s(pid), _benchmark.memory_mib(pid))
+                    for name, pid in pids.items()
+                }
                 samples.append((now_s, used))
 
         if with_page:
