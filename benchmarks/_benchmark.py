@@ -29,13 +29,13 @@ if Path(sys.argv[0]).resolve().parent == HERE and multiprocessing.parent_process
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from _bootstrap import ensure
 
-    ensure(dev=True, extras=("canister", "history", "hmi", "machine"))
+    ensure(dev=True, extras=("canister", "history", "hmi", "machine", "science"))
 
 
 def parser(description: str | None, quick: str) -> argparse.ArgumentParser:
     """Parser with ``--quick``, which means what ``quick`` says, and ``--json``."""
     made = argparse.ArgumentParser(description=(description or "").partition("\n")[0])
-    made.add_argument("--quick", action="store_true", help=quick)
+    made.add_argument("--quick", action="store_true", help=quick.replace("%", "%%"))
     made.add_argument("--json", type=Path, metavar="FILE", help="write the figures as flat JSON")
     return made
 
@@ -69,26 +69,69 @@ def publish(page: str, content: Mapping[str, Any]) -> None:
 def run(
     description: str | None,
     quick: str,
-    measure: Callable[[bool], tuple[Figures, Mapping[str, Any]]],
+    measure: Callable[..., tuple[Figures, Mapping[str, Any]]],
     page: str = "",
-) -> None:
-    """Measure, print the figures, save them and, unless quick, write the page.
+    options: Mapping[str, Mapping[str, Any]] | None = None,
+    aims: Mapping[str, float] | None = None,
+    sign: str = ">=",
+) -> Figures:
+    """Measure, print the figures with their aims, save them and, unless quick, write the page.
 
-    ``measure`` is told whether to be quick; it returns the figures and the content of the page.
+    ``measure`` gets ``quick`` and the values of ``options`` (arguments of the command line, each
+    with those of ``add_argument``) by name; it returns the figures, which are returned, and the
+    content of the page, empty if there is to be none.
     """
-    chosen = parser(description, quick).parse_args()
-    figures, content = measure(chosen.quick)
-    show(figures)
-    save(figures, chosen.json)
-    if page and not chosen.quick:
+    made = parser(description, quick)
+    for name, settings in (options or {}).items():
+        made.add_argument(name, **settings)
+    chosen = vars(made.parse_args())
+    file = chosen.pop("json")
+    figures, content = measure(**chosen)
+    show(figures, aims, sign)
+    save(figures, file)
+    if page and content and not chosen["quick"]:
         publish(page, content)
+    return figures
+
+
+def flat(nested: Mapping[Any, Any], between: str = ": ") -> Figures:
+    """Figures of nested mappings by the keys that lead to them; a key may be a tuple.
+
+    E.g. ``canister: depth stuck: welds``.
+    """
+    figures: Figures = {}
+    for key, value in nested.items():
+        name = between.join(map(str, key)) if isinstance(key, tuple) else str(key)
+        if isinstance(value, Mapping):
+            figures |= {f"{name}{between}{rest}": of for rest, of in flat(value, between).items()}
+        else:
+            figures[name] = value
+    return figures
+
+
+def records(table: Any) -> list[Figures]:
+    """Rows of a data frame as plain values; None where a value is missing."""
+    rows: list[Figures] = table.astype(object).where(table.notna(), None).to_dict("records")
+    return rows
 
 
 def counted(results: Iterable[Any], jobs: Sequence[Any], name: str = "") -> list[Any]:
     """All results, with the progress on standard error."""
-    found = []
+    kept = []
     for result in results:
-        found.append(result)
-        print(f"\r{name} {len(found)} of {len(jobs)}", end="", file=sys.stderr, flush=True)
+        kept.append(result)
+        print(f"\r{name} {len(kept)} of {len(jobs)}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
-    return found
+    return kept
+
+
+def processor_s(process: int) -> float:
+    """Processor time that a process has used."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def memory_mib(process: int) -> float:
+    """Resident memory of a process; 0 of one that has ended."""
+    lines = Path(f"/proc/{process}/status").read_text(encoding="ascii").splitlines()
+    return next((int(line.split()[1]) for line in lines if line.startswith("VmRSS")), 0) / 1024.0

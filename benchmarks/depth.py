@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import math
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import product
 from math import pi
 from pathlib import Path
@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import _benchmark
 import numpy as np
+import pandas as pd
 from scipy.stats import norm
 
 from fsw.footprint_command import footprint_of
@@ -258,11 +259,13 @@ def faulty(case: Case) -> dict[str, Any]:
     signals, estimates = welded(case)
     channel = DEPTH_CHANNELS.get(case.channel)
     first = round((case.event or FAULTS.get(case.fault, {})).get("at_s", AT_S) / TICK_S) - 1
-    named = named_at([one.health[channel] for one in estimates], first) if channel else None
+    named = (
+        named_at([estimate.health[channel] for estimate in estimates], first) if channel else None
+    )
     others = {
         name
-        for one in estimates
-        for name, health in one.health.items()
+        for estimate in estimates
+        for name, health in estimate.health.items()
         if name != channel and health in _FOR_GOOD
     }
     error = np.abs(error_mm(signals))[first if channel else 0 :]
@@ -274,36 +277,23 @@ def faulty(case: Case) -> dict[str, Any]:
         "inside": float((error <= AIM_MM).mean()),
         "worst_mm": float(error.max()),
         "suspect_s": TICK_S
-        * sum(ChannelHealth.SUSPECT in one.health.values() for one in estimates),
+        * sum(ChannelHealth.SUSPECT in estimate.health.values() for estimate in estimates),
     }
 
 
 def by_source(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Errors by controller, sensors and footprint: over all welds, the worst last."""
-    found = []
-    for controller, source, footprint in product(CONTROLLERS, (ONE, FOUR), (False, True)):
-        own = [
-            row
-            for row in rows
-            if (row["controller"], row["source"], row["footprint"])
-            == (controller, source, footprint)
-        ]
-        if own:
-            found.append(
-                {
-                    "controller": controller,
-                    "source": source,
-                    "footprint": footprint,
-                    "welds": len(own),
-                    "seconds": own[0]["seconds"],
-                    "shown_99_mm": float(np.median([row["shown_99_mm"] for row in own])),
-                    "error_99_mm": float(np.median([row["error_99_mm"] for row in own])),
-                    "worst_mm": max(row["worst_mm"] for row in own),
-                    "inside": float(np.mean([row["inside"] for row in own])),
-                    "least_inside": min(row["inside"] for row in own),
-                }
-            )
-    return found
+    welds = pd.DataFrame(rows).groupby(["controller", "source", "footprint"], sort=False)
+    table = welds.agg(
+        welds=("seconds", "size"),
+        seconds=("seconds", "first"),
+        shown_99_mm=("shown_99_mm", "median"),
+        error_99_mm=("error_99_mm", "median"),
+        worst_mm=("worst_mm", "max"),
+        inside=("inside", lambda shares: shares.to_numpy().mean()),
+        least_inside=("inside", "min"),
+    )
+    return _benchmark.records(table.reset_index())
 
 
 def near_edge(machine: int, slip: str, channel: str) -> Case:
@@ -320,50 +310,43 @@ def near_edge(machine: int, slip: str, channel: str) -> Case:
     return Case(machine, 1, seconds, fault=slip, channel=channel, event=event, edge=edge)
 
 
-def by_fault(rows: list[dict[str, Any]], faults: Iterable[str]) -> list[dict[str, Any]]:
+def by_fault(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Delays and errors of each fault, over channels and machines."""
-    found = []
-    for fault in faults:
-        own = [row for row in rows if row["fault"] == fault]
-        if not own:
-            continue
-        delays = [row["delay_s"] for row in own if row["delay_s"] is not None]
-        found.append(
-            {
-                "fault": fault,
-                "welds": len(own),
-                "named": len(delays),
-                "in_time": sum(delay <= NAMED_S for delay in delays),
-                "median_s": float(np.median(delays)) if delays else None,
-                "worst_s": max(delays, default=None),
-                "others": sum(row["others"] > 0 for row in own),
-                "inside": float(np.mean([row["inside"] for row in own])),
-                "least_inside": min(row["inside"] for row in own),
-                "worst_mm": max(row["worst_mm"] for row in own),
-            }
-        )
-    return found
+    welds = pd.DataFrame(rows).astype({"delay_s": float})
+    welds["in_time"], welds["blames_others"] = welds.delay_s <= NAMED_S, welds.others > 0
+    table = welds.groupby("fault", sort=False).agg(
+        welds=("fault", "size"),
+        named=("delay_s", "count"),
+        in_time=("in_time", "sum"),
+        median_s=("delay_s", "median"),
+        worst_s=("delay_s", "max"),
+        others=("blames_others", "sum"),
+        inside=("inside", lambda shares: shares.to_numpy().mean()),
+        least_inside=("inside", "min"),
+        worst_mm=("worst_mm", "max"),
+    )
+    return _benchmark.records(table.reset_index())
 
 
 def tables_of(size: Size, folder: str) -> dict[str, Any]:
     """Make all welds; returns the tables."""
-    found: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
     kinds = product(range(size.faulty), FAULTS, DEPTH_CHANNELS)
     cases = [
         Case(FIRST + 100 + k, 1, FAULTY_S, fault=fault, channel=channel)
         for k, (_, fault, channel) in enumerate(kinds)
     ]
-    found["by_channel"] = _all(faulty, cases)
-    found["faults"] = by_fault(found["by_channel"], FAULTS)
-    found["bounds"] = {
+    tables["by_channel"] = _all(faulty, cases)
+    tables["faults"] = by_fault(tables["by_channel"])
+    tables["bounds"] = {
         f"{rate:g}": {name: least_delay_s(name, rate) for name in CHANNELS} for rate in DRIFTS
     }
     slips = product(range(size.near), (*SLIPS, *SHARES), DEPTH_CHANNELS)
     near = [near_edge(FIRST + 3000 + k, *slip) for k, (_, *slip) in enumerate(slips)]
-    rows = found["edges_by_channel"] = _all(faulty, near)
-    found["edges"] = by_fault(rows, (*SLIPS, *SHARES))
+    rows = tables["edges_by_channel"] = _all(faulty, near)
+    tables["edges"] = by_fault(rows)
     sound = _all(faulty, [Case(FIRST + 1000 + k, 1, size.seconds) for k in range(size.sound)])
-    found["sound"] = {
+    tables["sound"] = {
         "welds": len(sound),
         "seconds": size.seconds,
         "isolated": sum(row["others"] > 0 for row in sound),
@@ -374,8 +357,8 @@ def tables_of(size: Size, folder: str) -> dict[str, Any]:
         (folder, FIRST + machine, controller, source, size.seconds)
         for machine, controller, source in product(range(size.machines), CONTROLLERS, (ONE, FOUR))
     ]
-    found["accuracy"] = by_source([row for rows in _all(accuracy, tasks) for row in rows])
-    return found
+    tables["accuracy"] = by_source([row for rows in _all(accuracy, tasks) for row in rows])
+    return tables
 
 
 def _all(function: Any, tasks: Sequence[Any]) -> list[Any]:
@@ -405,25 +388,24 @@ def draw(rows: list[dict[str, Any]], file: Path) -> None:
 
 def figures_of(tables: dict[str, Any]) -> dict[str, Any]:
     """Flat figures of the tables."""
-    return (
-        {
-            f"{row['controller']}: {row['source']}"
-            f"{' with footprint' if row['footprint'] else ''}: {key}": row[key]
-            for row in tables["accuracy"]
-            for key in ("error_99_mm", "worst_mm", "inside")
+    errors = {
+        (row["controller"], f"{row['source']}{' with footprint' if row['footprint'] else ''}"): {
+            key: row[key] for key in ("error_99_mm", "worst_mm", "inside")
         }
-        | {
-            f"{row['fault']}: {key}": row[key]
-            for row in (*tables["faults"], *tables["edges"])
-            for key in ("named", "median_s", "worst_s", "others", "inside")
+        for row in tables["accuracy"]
+    }
+    faults = {
+        row["fault"]: {
+            key: row[key] for key in ("named", "median_s", "worst_s", "others", "inside")
         }
-        | {
-            f"least delay, {rate} mm/s, {name}: s": delay_s
-            for rate, delays in tables["bounds"].items()
-            for name, delay_s in delays.items()
-        }
-        | {f"sound: {key}": value for key, value in tables["sound"].items()}
-    )
+        for row in (*tables["faults"], *tables["edges"])
+    }
+    bounds = {
+        f"least delay, {rate} mm/s, {name}": {"s": delay_s}
+        for rate, delays in tables["bounds"].items()
+        for name, delay_s in delays.items()
+    }
+    return _benchmark.flat(errors | faults | bounds | {"sound": tables["sound"]})
 
 
 def measure(quick: bool) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import _benchmark
 import numpy as np
-from processes import memory_mib, processor_s
 
 from fsw.console import ProgressBar
 from fsw_analysis.signals import load_weld
@@ -92,9 +91,14 @@ def ten_hertz(name, folder, with_page=False):
             bar(share)
             now_s = time.perf_counter()
             if not samples or now_s >= samples[-1][0] + EVERY_S:
-                running = {name: one for name, one in launcher.children.items() if one.running}
+                running = {
+                    name: child for name, child in launcher.children.items() if child.running
+                }
                 pids = {name: child.process.pid for name, child in running.items()}
-                used = {name: (processor_s(pid), memory_mib(pid)) for name, pid in pids.items()}
+                used = {
+                    name: (_benchmark.processor_s(pid), _benchmark.memory_mib(pid))
+                    for name, pid in pids.items()
+                }
                 samples.append((now_s, used))
 
         if with_page:
@@ -140,41 +144,33 @@ def used_by(samples):
     return {name: float(value) for name, value in figures.items()}
 
 
-def main():
-    """Measure, print a table, write JSON."""
-    options = _benchmark.parser(__doc__, "shorter scenario, fewer repetitions")
-    options.add_argument(
-        "--whole-weld",
-        action="store_true",
-        help="instead, 45 minutes in real time with the operator's page",
-    )
-    options.add_argument("--out", type=Path, help="keep bag and logs in this new folder")
-    arguments = options.parse_args()
-    name, repetitions = ("quick", 1) if arguments.quick else ("reference_tracking", 3)
-    result = {
-        "scenario": name,
-        "repetitions": repetitions,
-        "cpus": os.cpu_count(),
-        "python": platform.python_version(),
-    }
+def measure(quick, whole_weld, out):
+    """Figures of the graph."""
+    name, repetitions = ("quick", 1) if quick else ("reference_tracking", 3)
     with tempfile.TemporaryDirectory() as scratch:
-        folder = arguments.out or Path(scratch) / "weld"
+        folder = out or Path(scratch) / "weld"
         folder.mkdir(parents=True)
-        if arguments.whole_weld:
-            name = "reference_tracking" if arguments.quick else "canister_weld"
-            result = ten_hertz(name, folder, with_page=True)
-        else:
-            result["offline_steps_per_s"] = offline_steps_per_s(name, 3 * repetitions)
-            result["graph_steps_per_s"], result["graph_start_and_stop_s"] = graph_steps_per_s(
-                name, (), repetitions
-            )
-            result["graph_with_nmpc_steps_per_s"], _ = graph_steps_per_s(
-                name, ("nmpc",), repetitions
-            )
-            result |= ten_hertz("quick", folder)
-    _benchmark.show(result, AIMS)
-    _benchmark.save(result, arguments.json)
+        if whole_weld:
+            name = "reference_tracking" if quick else "canister_weld"
+            return ten_hertz(name, folder, with_page=True), {}
+        figures = {
+            "scenario": name,
+            "repetitions": repetitions,
+            "cpus": os.cpu_count(),
+            "python": platform.python_version(),
+            "offline_steps_per_s": offline_steps_per_s(name, 3 * repetitions),
+        }
+        for words, controllers in (("graph", ()), ("graph_with_nmpc", ("nmpc",))):
+            rate, start_s = graph_steps_per_s(name, controllers, repetitions)
+            figures |= {f"{words}_steps_per_s": rate, f"{words}_start_and_stop_s": start_s}
+        return figures | ten_hertz("quick", folder), {}
 
 
 if __name__ == "__main__":
-    main()
+    whole = "instead, 45 minutes in real time with the operator's page"
+    options = {
+        "--whole-weld": {"action": "store_true", "help": whole},
+        "--out": {"type": Path, "help": "keep bag and logs in this new folder"},
+    }
+    quick = "shorter scenario, fewer repetitions"
+    _benchmark.run(__doc__, quick, measure, options=options, aims=AIMS)

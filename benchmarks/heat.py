@@ -6,7 +6,6 @@ usage: heat.py [--quick] [--minutes N] [--json FILE]
 The canisters are those of the campaign `canisters`; no weld that is measured made a profile.
 """
 
-import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -18,6 +17,7 @@ from typing import NamedTuple
 
 import _benchmark
 import numpy as np
+import pandas as pd
 
 from fsw_analysis.phase_kpi import compute
 from fsw_campaign.definition import load
@@ -32,6 +32,7 @@ from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
 from fsw_scenario.weld_programme import spans
+from fsw_tuning.standard_cases import cut_joint_line
 from fsw_tuning.standard_runs import on_all_cores
 
 #: welds of the campaign whose wall, rim and lid, and whose machine and tool, the types have; no
@@ -61,6 +62,8 @@ WHOLE = (
     501,
 )  #: of the measured welds, those that are also welded as a whole, of the first type
 PHASES = ("start", "downward", "joint_line", "overlap", "parking")
+#: columns that say which phase of which canister
+PLACE = ["kind", "canister", "phase"]
 #: controllers without and with the machine's model, and with what they know of the heat
 RIVALS = ("decentral:tight", "nmpc:default")
 CONTROLLERS = (*RIVALS, "model", "computed", *(f"learned from {n}" for n in LEARNED))
@@ -99,7 +102,7 @@ class Raised:
 
     def step(self, measurement, reference, applied, dt_s):
         """One tick."""
-        coming = tuple(one._replace(**higher(one)) for one in reference.coming)
+        coming = tuple(point._replace(**higher(point)) for point in reference.coming)
         raised = replace(reference, coming=coming, **higher(reference))
         return self._controller.step(measurement, raised, applied, dt_s)
 
@@ -123,10 +126,7 @@ def scenario_of(kind, canister, end_deg, controller):
     values = {} if canister is None else campaign().parameters(canister)
     of_type = campaign().parameters(TYPES[kind])
     content = scenario_file.content_of(scenario_file.text_of("canister_weld_heat"), "heat")
-    for phase in content["phases"]:
-        if phase["name"] in ("joint_line", "overlap", "parking"):
-            phase["to_deg"] += end_deg - WHOLE_DEG
-    content["events"] = [one for one in content["events"] if one.get("at_deg", 0.0) <= end_deg]
+    cut_joint_line(content, end_deg)
     known = DRAWN if canister is None else OF_TYPE
     changes = values | {name: of_type[name] for name in known} | {"controller": controller}
     for path, value in changes.items():
@@ -142,7 +142,7 @@ def signals_of(task):
     parameters = {name: {"model_file": task.model}} if task.model else {}
     controllers = make_all(scenario, label, parameters)
     if task.label == HOTTEST:
-        controllers = {name: Raised(one) for name, one in controllers.items()}
+        controllers = {name: Raised(controller) for name, controller in controllers.items()}
     return scenario, ClosedLoop(scenario, controllers, task.profile).run()
 
 
@@ -188,20 +188,17 @@ def phase_rows(scenario, signals):
 
 
 def measured(task):
-    """Figures of a weld, by phase, and of the phases from downward on together."""
+    """A row for each phase of a weld, with the figures of the phases from downward on together."""
     scenario, signals = signals_of(task)
-    phases = {row["phase"]: row for row in phase_rows(scenario, signals)}
-    later = [phases[name] for name in PHASES[1:]]
+    phases = [row for row in phase_rows(scenario, signals) if row["phase"] in PHASES]
+    later = phases[1:]
     squares = sum(row["seconds"] * row["temperature_sigma_c"] ** 2 for row in later)
-    share = signals.statuses.get(task.label.partition(":")[0]) or signals.statuses.get("nmpc")
-    known = share.disturbances.get("known_heat_share") if share else None
-    return {
-        "task": task._replace(profile=None),
-        "phases": phases,
+    weld_figures = {
+        **{name: getattr(task, name) for name in ("kind", "canister", "label", "end_deg")},
         "rms_c": float(np.sqrt(squares / sum(row["seconds"] for row in later))),
-        "share": None if known is None else float(np.nanmean(known)),
-        "fastest_s": sum(row["fastest_s"] for row in later),
+        "later_fastest_s": sum(row["fastest_s"] for row in later),
     }
+    return [weld_figures | row for row in phases]
 
 
 def mirrored(profile):
@@ -226,12 +223,11 @@ def tasks_of(kind, canister, profiles, models):
 
 
 def hottest(rows, profiles, models):
-    """A weld for each canister with a phase outside its limits, to blame the spindle or not."""
-    for row in rows:
-        task, phases = row["task"], row["phases"]
-        if task.label == CONTROLLERS[-1] and not all(phases[name]["good"] for name in PHASES):
-            known = profiles[task.kind, LEARNED[-1]]
-            yield task._replace(label=HOTTEST, model=models[task.kind], profile=known)
+    """For each canister with a phase outside, a weld that shows if the spindle is to blame."""
+    best = [row for row in rows if row["label"] == CONTROLLERS[-1] and not row["good"]]
+    for kind, canister in dict.fromkeys((row["kind"], row["canister"]) for row in best):
+        known = profiles[kind, LEARNED[-1]]
+        yield Task(kind, canister, HOTTEST, SHORT_DEG, models[kind], known)
 
 
 def whole_tasks(profiles, models):
@@ -250,7 +246,7 @@ def profiles_of(kinds, whole, folder):
     profiles, models = {}, {}
     for i, kind in enumerate(kinds):
         drawn, *of_kind = signals[i * len(chosen) : (i + 1) * len(chosen)]
-        welds = [(str(k), f"{k:064d}", one) for k, one in enumerate(of_kind)]
+        welds = [(str(k), f"{k:064d}", weld) for k, weld in enumerate(of_kind)]
         first = known(welds[:1], f"type_{kind}", nominal())
         models[kind] = str(folder / f"type_{kind}.model.yaml")
         Path(models[kind]).write_text(model_text(first), encoding="utf-8")
@@ -269,240 +265,173 @@ def profiles_of(kinds, whole, folder):
     return profiles, models
 
 
-def figures_of(rows, end_deg=SHORT_DEG):
+def figures_of(welds):
     """Medians by controller and phase, and the worst."""
-    table = {}
-    for label in CONTROLLERS:
-        of_label = [r for r in rows if r["task"].label == label and r["task"].end_deg == end_deg]
-        for phase in PHASES if of_label else ():
-            values = [row["phases"][phase] for row in of_label]
-            temperature = [value["temperature_sigma_c"] for value in values]
-            table[label, phase] = {
-                "welds": len(values),
-                "temperature_c": float(np.median(temperature)),
-                "worst_c": max(temperature),
-                "moved_rpm": float(np.median([value["moved_rpm"] for value in values])),
-                "depth_um": 1e3 * float(np.median([value["depth_sigma_mm"] for value in values])),
-                "good": sum(value["good"] for value in values),
-            }
-    return table
+    by_phase = welds[welds.label.isin(CONTROLLERS)].groupby(["label", "phase"])
+    table = by_phase.agg(
+        welds=("good", "size"),
+        temperature_c=("temperature_sigma_c", "median"),
+        worst_c=("temperature_sigma_c", "max"),
+        moved_rpm=("moved_rpm", "median"),
+        depth_um=("depth_sigma_mm", lambda depth_mm: 1e3 * depth_mm.median()),
+        good=("good", "sum"),
+    )
+    return table.to_dict("index")
 
 
-def moved(rows):
+def moved(welds):
     """By controller, how far its speed moves in the downward phase, and from there to the end.
 
     Each with the median [rpm], and the median share in what the preset as shipped moves on the
     same canister.
     """
-    table = {}
+    table = {label: [] for label in CONTROLLERS}
     for phases in (PHASES[1:2], PHASES[1:]):
-        sums = {
-            (row["task"].label, row["task"].kind, row["task"].canister): sum(
-                row["phases"][phase]["moved_rpm"] for phase in phases
-            )
-            for row in rows
-            if row["task"].end_deg == SHORT_DEG
-        }
-        for label in CONTROLLERS:
-            own = {key[1:]: value for key, value in sums.items() if key[0] == label}
-            shares = [value / sums[RIVALS[-1], *key] for key, value in own.items()]
-            values = list(own.values())
-            table.setdefault(label, []).append(
-                {"moved_rpm": float(np.median(values)), "share": float(np.median(shares))}
-            )
+        by_weld = welds[welds.phase.isin(phases)].groupby(["kind", "canister", "label"])
+        sums = by_weld.moved_rpm.agg(lambda moved_rpm: sum(moved_rpm)).unstack()
+        shares = sums.div(sums[RIVALS[-1]], axis=0)
+        for label, parts in table.items():
+            parts.append({"moved_rpm": sums[label].median(), "share": shares[label].median()})
     return table
 
 
-def inside(rows, without=()):
-    """By controller, the share of all phases, but for some, that were inside their limits."""
-    short = [row for row in rows if row["task"].end_deg == SHORT_DEG]
-    return {
-        label: float(
-            np.mean(
-                [
-                    row["phases"][phase]["good"]
-                    for row in short
-                    if row["task"].label == label
-                    for phase in PHASES
-                    if (row["task"].kind, row["task"].canister, phase) not in without
-                ]
-            )
-        )
-        for label in CONTROLLERS
-    }
-
-
-def beyond(rows):
-    """Phases, by type and canister, that top speed leaves too cold at raised set-points."""
-    return {
-        (row["task"].kind, row["task"].canister, phase)
-        for row in rows
-        if row["task"].label == HOTTEST
-        for phase in PHASES
-        if row["phases"][phase]["cold_s"] > AT_MOST_S
-    }
-
-
-def outside(rows):
+def outside(welds, hot):
     """Each phase outside its limits with what is known best.
 
-    Seconds outside, too cold, at the highest speed.
+    Seconds outside, too cold, and at the highest speed.
     """
-    hot = {
-        (row["task"].kind, row["task"].canister): row["phases"]
-        for row in rows
-        if row["task"].label == HOTTEST
-    }
-    return [
-        {
-            "kind": row["task"].kind,
-            "canister": row["task"].canister,
-            "phase": phase,
-            "hottest_cold_s": hot[row["task"].kind, row["task"].canister][phase]["cold_s"],
-        }
-        | {
-            name: row["phases"][phase][name]
-            for name in ("outside_s", "cold_s", "fastest_s", "temperature_peak_c", "depth_peak_mm")
-        }
-        for row in rows
-        if row["task"].label == CONTROLLERS[-1] and row["task"].end_deg == SHORT_DEG
-        for phase in PHASES
-        if not row["phases"][phase]["good"]
-    ]
+    best = welds[(welds.label == CONTROLLERS[-1]) & ~welds.good]
+    best = best.join(hot.set_index(PLACE).cold_s.rename("hottest_cold_s"), on=PLACE)
+    seconds = ["hottest_cold_s", "outside_s", "cold_s", "fastest_s"]
+    return best[[*PLACE, *seconds, "temperature_peak_c", "depth_peak_mm"]].to_dict("records")
 
 
-def comparison(rows):
-    """Of each weld its error in that of the same weld without profile.
-
-    With the right ones, and with wrong ones.
-    """
-    without = {
-        (row["task"].kind, row["task"].canister): row
-        for row in rows
-        if row["task"].label == "model"
-    }
-    found = []
-    for row in rows:
-        task = row["task"]
-        if task.end_deg == SHORT_DEG and task.label not in (*RIVALS, "model", HOTTEST):
-            other = without[task.kind, task.canister]["rms_c"]
-            found.append(
-                (task.label, task.kind, task.canister, row["rms_c"] / other, row["share"])
-            )
-    return found
+def comparison(welds):
+    """Of each weld its error in that of the same weld without a profile, right or wrong."""
+    each = welds[welds.phase == PHASES[0]]
+    without = each[each.label == "model"].set_index(["kind", "canister"]).rms_c.rename("without_c")
+    each = each[~each.label.isin((*RIVALS, "model"))].join(without, on=["kind", "canister"])
+    each["cost"] = each.rms_c / each.without_c
+    return each[["label", "kind", "canister", "cost"]]
 
 
-def overall(rows):
+def overall(compared):
     """Figures of all welds together."""
-    compared = comparison(rows)
-    wrong = [one for one in compared if one[0].startswith("wrong")]
-    right = [one for one in compared if one[0] == f"learned from {LEARNED[-1]}"]
-    costs = np.array([cost for *_, cost, _ in wrong])
-    gains = np.array([cost for *_, cost, _ in right])
-    mirror = [cost for label, *_, cost, _ in wrong if label.endswith("mirrored")]
+    wrong = compared[compared.label.str.startswith("wrong")]
+    mirror = wrong[wrong.label.str.endswith("mirrored")].cost
+    gains, costs = compared[compared.label == f"learned from {LEARNED[-1]}"].cost, wrong.cost
     return {
         "wrong_pairings": len(wrong),
-        "wrong_median_cost": float(np.median(costs)),
+        "wrong_median_cost": float(costs.median()),
         "wrong_worst_cost": float(costs.max()),
         "wrong_above_most": int((costs > MOST_COST).sum()),
-        "mirrored_worst_cost": max(mirror),
-        "mirrored_above_most": sum(cost > MOST_COST for cost in mirror),
-        "learned_median_share_of_error": float(np.median(gains)),
+        "mirrored_worst_cost": float(mirror.max()),
+        "mirrored_above_most": int((mirror > MOST_COST).sum()),
+        "learned_median_share_of_error": float(gains.median()),
         "learned_worst_share_of_error": float(gains.max()),
         "learned_worse": int((gains > 1.0).sum()),
     }
 
 
-def measure(quick, minutes):
-    """Rows of all welds, and the profiles; no canister is begun after so many minutes."""
+def welded(quick, minutes):
+    """A row for each phase of all welds, and the profiles.
+
+    No canister is begun after so many minutes.
+    """
     until_s = time.monotonic() + 60.0 * minutes
     kinds = tuple(range(2 if quick else len(TYPES)))
     canisters, whole = (MEASURED[:1], False) if quick else (MEASURED, True)
     rows = []
+
+    def weld_all(tasks):
+        made = [row for of_weld in on_all_cores(measured, list(tasks)) for row in of_weld]
+        rows.extend(made)
+        return made
+
     with tempfile.TemporaryDirectory() as folder:
         profiles, models = profiles_of(kinds, whole, Path(folder))
-        parts = [
-            list(tasks_of(kind, canister, profiles, models))
-            for canister, kind in product(canisters, kinds)
-        ]
-        for i, part in enumerate(parts, 1):
+
+        def weld_canister(place):
+            canister, kind = place
             if time.monotonic() < until_s:
-                done = on_all_cores(measured, part)
-                rows += done + on_all_cores(measured, list(hottest(done, profiles, models)))
-            print(f"\r{i} of {len(parts)} canisters", end="", file=sys.stderr, flush=True)
-        rows += on_all_cores(measured, list(whole_tasks(profiles, models))) if whole else []
-    print(file=sys.stderr)
-    return rows, profiles
+                made = weld_all(tasks_of(kind, canister, profiles, models))
+                weld_all(hottest(made, profiles, models))
+
+        places = list(product(canisters, kinds))
+        _benchmark.counted(map(weld_canister, places), places, "canisters:")
+        if whole:
+            weld_all(whole_tasks(profiles, models))
+    return pd.DataFrame(rows), profiles
 
 
 def content_of(rows, profiles):
     """Figures, and the content of the page."""
-    figures, table = overall(rows), figures_of(rows)
-    shares = {"inside": inside(rows), "inside, of those in reach": inside(rows, beyond(rows))}
-    figures |= {
-        f"{label}: share of phases {word}": share
-        for word, of in shares.items()
-        for label, share in of.items()
-    }
-    far = outside(rows)
-    figures |= {
-        f"{label}: speed moved, {part}: {key}": value
-        for label, parts in moved(rows).items()
-        for part, values in zip(("downward", "all"), parts, strict=True)
-        for key, value in values.items()
-    }
-    figures |= {
-        f"outside: type {one['kind']}, canister {one['canister']}: {one['phase']}: {name}": value
-        for one in far
-        for name, value in one.items()
-        if name not in ("kind", "canister", "phase")
-    }
-    full = figures_of(rows, WHOLE_DEG)
-    flat = {
-        f"{name}{label}: {phase}: {key}": value
-        for name, part in (("", table), ("whole weld: ", full))
-        for (label, phase), values in part.items()
-        for key, value in values.items()
-    }
-    losses = sorted(comparison(rows), key=lambda one: -one[3])
-    saturated = sorted(
-        {
-            (row["task"].kind, row["task"].canister): row["fastest_s"]
-            for row in rows
-            if row["task"].label == "model" and row["fastest_s"] > 10.0
-        }.items()
+    welds, full = rows[rows.end_deg == SHORT_DEG], figures_of(rows[rows.end_deg == WHOLE_DEG])
+    hot, welds = welds[welds.label == HOTTEST], welds[welds.label != HOTTEST]
+    beyond = pd.MultiIndex.from_frame(hot[hot.cold_s > AT_MOST_S][PLACE])
+    in_reach = welds[~pd.MultiIndex.from_frame(welds[PLACE]).isin(beyond)]
+    table, far, moves, compared = (
+        figures_of(welds),
+        outside(welds, hot),
+        moved(welds),
+        comparison(welds),
     )
+    inside = {
+        words: of.groupby("label").good.mean().loc[list(CONTROLLERS)].to_dict()
+        for words, of in (("inside", welds), ("inside, of those in reach", in_reach))
+    }
+    figures = overall(compared) | _benchmark.flat(
+        {
+            (label, f"share of phases {words}"): share
+            for words, of in inside.items()
+            for label, share in of.items()
+        }
+        | {
+            (label, f"speed moved, {part}"): values
+            for label, parts in moves.items()
+            for part, values in zip(("downward", "all"), parts, strict=True)
+        }
+        | {
+            (
+                f"outside: type {row.pop('kind')}, canister {row.pop('canister')}",
+                row.pop("phase"),
+            ): row
+            for row in map(dict, far)
+        }
+    )
+    flat = _benchmark.flat(
+        table | {(f"whole weld: {label}", phase): of for (label, phase), of in full.items()}
+    )
+    alone = welds[(welds.phase == PHASES[0]) & (welds.label == "model")]
+    saturated = alone[alone.later_fastest_s > 10.0].later_fastest_s
     return figures | flat, {
         "figures": figures,
         "table": table,
         "full": full,
         "phases": PHASES,
         "controllers": CONTROLLERS,
-        "losses": losses,
-        "inside": shares["inside"],
-        "in_reach": shares["inside, of those in reach"][CONTROLLERS[-1]],
+        "losses": compared.sort_values("cost", ascending=False, kind="stable").values.tolist(),
+        "inside": inside["inside"],
+        "in_reach": inside["inside, of those in reach"][CONTROLLERS[-1]],
         "outside": far,
         "raised": RAISED,
         "at_most_s": AT_MOST_S,
-        "moved": moved(rows),
+        "moved": moves,
         "rivals": RIVALS,
-        "saturated": saturated,
-        "profiles": {key: one for key, one in profiles.items() if key[1] == LEARNED[-1]},
+        "saturated": saturated.tolist(),
+        "profiles": {key: profile for key, profile in profiles.items() if key[1] == LEARNED[-1]},
         "most": MOST_COST,
     }
 
 
-def main():
-    """Measure, print a table, write JSON and the page."""
-    options = _benchmark.parser(__doc__, "two types, one canister each, no page")
-    options.add_argument("--minutes", type=float, default=1e6, help="begin no canister later")
-    chosen = options.parse_args()
-    figures, content = content_of(*measure(chosen.quick, chosen.minutes))
-    _benchmark.show(figures)
-    _benchmark.save(figures, chosen.json)
-    if not chosen.quick:
-        _benchmark.publish("heat", content)
+def measure(quick, minutes):
+    """Figures, and the content of the page."""
+    return content_of(*welded(quick, minutes))
 
+
+MINUTES = {"type": float, "default": 1e6, "help": "begin no canister later"}
 
 if __name__ == "__main__":
-    main()
+    _benchmark.run(
+        __doc__, "two types, one canister each, no page", measure, "heat", {"--minutes": MINUTES}
+    )

@@ -12,7 +12,6 @@ folder, so an interrupted run resumes where it stopped.
 import json
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -31,6 +30,7 @@ from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all, name_of
 from fsw_scenario.scenario_file import parse
 from fsw_test_support.made_history import rows
+from fsw_tuning.standard_runs import on_all_cores
 
 FIGURE = _benchmark.WORKSPACE / "docs" / "figures" / "history.png"
 #: emulated welds of each controller, and the folder that keeps their rows
@@ -150,10 +150,8 @@ def of_emulated(count, folder, histories):
     figures, made = {"emulated_welds": count}, {}
     folder.mkdir(parents=True, exist_ok=True)
     for label in CONTROLLERS:
-        with ProcessPoolExecutor() as pool:
-            made[label] = welds = list(
-                pool.map(partial(emulated, label, folder), range(1, count + 1))
-            )
+        seeds = range(1, count + 1)
+        made[label] = welds = list(on_all_cores(partial(emulated, label, folder), seeds))
         random, name = np.random.default_rng(45), name_of(label)
         table = {column: np.array([weld[column] for weld in welds]) for column in CHARTED}
 

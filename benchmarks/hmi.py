@@ -20,7 +20,6 @@ from pathlib import Path
 from urllib.request import urlopen
 
 import _benchmark
-from processes import processor_s
 from websockets.asyncio.client import connect
 
 from fsw_control import weld
@@ -105,9 +104,9 @@ async def watch(
     ]
     await asyncio.sleep(WARM_UP_S)  # the measurement itself
     ages_s.clear()
-    before_s, begin_s = processor_s(process), time.monotonic()
+    before_s, begin_s = _benchmark.processor_s(process), time.monotonic()
     await asyncio.sleep(seconds)
-    share = (processor_s(process) - before_s) / (time.monotonic() - begin_s)
+    share = (_benchmark.processor_s(process) - before_s) / (time.monotonic() - begin_s)
     count = len(ages_s)
     for job in jobs:
         if job.done():

@@ -19,9 +19,11 @@ import resource
 import statistics
 import sys
 import time
+from typing import NamedTuple
 
 import _benchmark
 import numpy as np
+import pandas as pd
 import yaml
 from identification_welds import MIXED, disturbance, noisy, welded
 
@@ -68,36 +70,41 @@ DISTURBED = "correlated 1 s, disturbed"
 KINDS = (*SENSING, *MIXED, DISTURBED)
 
 
-def one(job):
-    """Weld and identify one plant.
+class Run(NamedTuple):
+    """What came of the identification of a plant."""
 
-    Returns relative error and standard deviation of every parameter, seconds, excursions, remarks
-    about disturbances, largest memory of this process so far [MB].
-    """
+    errors: dict[str, float]  #: relative, of each parameter
+    deviations: dict[str, float]  #: their standard deviations
+    seconds: float
+    remarks: list[str]  #: about disturbances
+    excursions: list[float] = []  #: depth [mm] and temperature [degC]
+    memory_mb: float = 0.0  #: largest of this process so far
+    ratios: dict[str, float] = {}  #: of errors of predictions, to those of the paper's model
+    not_white: bool = False  #: whether a remark says so
+    lag_s: tuple[float, float] | None = None  #: of the thermocouple, with its standard deviation
+    correlation_s: list[float] = []  #: of the noise of each output
+
+
+def identified(job):
+    """Weld and identify one plant."""
     index, factors, event, name = job
     signals = welded(name, {"seed": index + 1, **factors}, event)
     began = time.process_time()
     fit = identify(prepare(signals, Actuators().lag_s).segments)
     seconds = time.process_time() - began
-    moved = (
-        abs(signals.truth.depth_mm - DEPTH_MM).max(),
-        abs(signals.truth.temperature_c - TEMPERATURE_C).max(),
-    )
+    excursions = [
+        float(abs(signals.truth.depth_mm - DEPTH_MM).max()),
+        float(abs(signals.truth.temperature_c - TEMPERATURE_C).max()),
+    ]
     memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return (
-        *errors_of(fit, factors),
-        seconds,
-        [float(one) for one in moved],
-        disturbances(fit),
-        memory_mb,
-    )
+    return Run(*errors_of(fit, factors), seconds, disturbances(fit), excursions, memory_mb)
 
 
 def errors_of(fit, factors):
     """Relative error and standard deviation of every parameter."""
     model = {
-        name.removeprefix("factors."): of
-        for name, of in factors.items()
+        name.removeprefix("factors."): factor
+        for name, factor in factors.items()
         if name.startswith("factors.")
     }
     truth = nominal().scaled(**model)
@@ -107,6 +114,35 @@ def errors_of(fit, factors):
     return errors, {name: fit.std[name] / getattr(fit.parameters, name) for name in fit.free}
 
 
+def estimates_of(runs):
+    """A row for each parameter of each run, and its rows by parameter.
+
+    The error also in standard deviations.
+    """
+    table = pd.DataFrame(
+        [
+            {"name": name, "error": abs(error), "deviations": abs(error) / run.deviations[name]}
+            for run in runs
+            for name, error in run.errors.items()
+        ]
+    )
+    return table, dict(list(table.groupby("name", sort=False)))
+
+
+def percent(flags):
+    """Share of those that are true."""
+    return 100.0 * sum(map(bool, flags)) / len(flags)
+
+
+def coverage_of(every, by_name):
+    """Shares of the true values in the intervals, of each parameter and of all."""
+    figures = {
+        f"{name}_inside_95_percent": percent(own.deviations <= _95)
+        for name, own in by_name.items()
+    }
+    return figures | {"inside_95_percent": percent(every.deviations <= _95)}
+
+
 def results_of(name, function, jobs):
     """Results of all jobs, on all cores, with the progress."""
     return _benchmark.counted(on_all_cores(function, jobs), jobs, f"{name}:")
@@ -114,112 +150,94 @@ def results_of(name, function, jobs):
 
 def of_undisturbed(drawn):
     """Errors and coverage of all intervals on undisturbed welds of five minutes."""
-    runs = results_of(
-        "undisturbed", one, [(i, factors, None, EXPERIMENT) for i, factors in enumerate(drawn)]
-    )
-    result = {"plants": len(runs), "cpus": os.cpu_count()}
-    names = list(dict.fromkeys(name for errors, *_ in runs for name in errors))
-    inside = []
-    for name in names:
-        told = [
-            (errors[name], deviations[name]) for errors, deviations, *_ in runs if name in errors
-        ]
-        sizes = sorted(abs(error) for error, _ in told)
+    jobs = [(i, factors, None, EXPERIMENT) for i, factors in enumerate(drawn)]
+    runs = results_of("undisturbed", identified, jobs)
+    every, by_name = estimates_of(runs)
+    result = {"plants": len(runs), "cpus": os.cpu_count(), **coverage_of(every, by_name)}
+    for name, own in by_name.items():
         in_s = name == "dead_time_s"
-        scale = nominal().dead_time_s if in_s else 100.0
-        unit = "s" if in_s else "percent"
-        result[f"{name}_median_{unit}"] = scale * statistics.median(sizes)
-        result[f"{name}_p95_{unit}"] = scale * sizes[int(0.95 * (len(sizes) - 1))]
-        within = [abs(error) <= _95 * deviation for error, deviation in told]
-        result[f"{name}_inside_95_percent"] = 100.0 * sum(within) / len(within)
-        result[f"{name}_told"] = len(told)
-        inside += within
-    result["inside_95_percent"] = 100.0 * sum(inside) / len(inside)
-    result["cpu_s_median"] = statistics.median(seconds for _, _, seconds, *_ in runs)
-    result["cpu_s_largest"] = max(seconds for _, _, seconds, *_ in runs)
-    result["depth_excursion_mm_largest"] = max(moved[0] for *_, moved, _, _ in runs)
-    result["temperature_excursion_c_largest"] = max(moved[1] for *_, moved, _, _ in runs)
-    result["false_alarms"] = sum(bool(told) for *_, told, _ in runs)
-    return result
+        scale, unit = (nominal().dead_time_s, "s") if in_s else (100.0, "percent")
+        result |= {
+            f"{name}_median_{unit}": scale * own.error.median(),
+            f"{name}_p95_{unit}": scale * own.error.quantile(0.95, "lower"),
+            f"{name}_told": len(own),
+        }
+    depth_mm, temperature_c = zip(*(run.excursions for run in runs), strict=True)
+    return result | {
+        "cpu_s_median": statistics.median(run.seconds for run in runs),
+        "cpu_s_largest": max(run.seconds for run in runs),
+        "depth_excursion_mm_largest": max(depth_mm),
+        "temperature_excursion_c_largest": max(temperature_c),
+        "false_alarms": sum(bool(run.remarks) for run in runs),
+    }
 
 
 def of_disturbed(drawn):
     """How many disturbed welds bias a parameter, and how many without a word."""
     events = [disturbance(index) for index in range(len(drawn))]
-    runs = results_of(
-        "disturbed", one, [(i, drawn[i], events[i], EXPERIMENT) for i in range(len(drawn))]
-    )
-    biased, silent, gross, largest = 0, 0, 0, []
-    for (errors, deviations, *_, told, _), event in zip(runs, events, strict=True):
-        off = {name: abs(errors[name]) / deviations[name] for name in AIMS if name in errors}
-        worst = max(off, key=off.get)
-        largest.append(max(abs(errors[name]) for name in AIMS if name in errors))
-        biased += off[worst] > BIASED
-        silent += off[worst] > BIASED and not told
-        gross += largest[-1] > GROSS and not told
+    jobs = [(i, drawn[i], events[i], EXPERIMENT) for i in range(len(drawn))]
+    rows = []
+    for run, event in zip(results_of("disturbed", identified, jobs), events, strict=True):
+        off = {
+            name: abs(run.errors[name]) / run.deviations[name]
+            for name in AIMS
+            if name in run.errors
+        }
+        worst, largest = max(off, key=off.get), max(abs(run.errors[name]) for name in off)
+        rows.append({"biased": off[worst] > BIASED, "largest": largest, "silent": not run.remarks})
         print(
-            f"{off[worst]:5.1f} deviations, {100 * largest[-1]:5.1f} %, "
-            f"{worst:<22} {event} {told}",
+            f"{off[worst]:5.1f} deviations, {100 * largest:5.1f} %, "
+            f"{worst:<22} {event} {run.remarks}",
             file=sys.stderr,
         )
+    welds = pd.DataFrame(rows)
     return {
-        "disturbed_welds": len(runs),
-        "disturbed_told": sum(bool(told) for *_, told, _ in runs),
-        "disturbed_biased_percent": 100.0 * biased / len(runs),
-        "disturbed_biased_and_not_told_percent": 100.0 * silent / len(runs),
-        "disturbed_off_by_10_percent_and_not_told_percent": 100.0 * gross / len(runs),
-        "disturbed_largest_error_median_percent": 100.0 * statistics.median(largest),
+        "disturbed_welds": len(welds),
+        "disturbed_told": int((~welds.silent).sum()),
+        "disturbed_biased_percent": percent(welds.biased),
+        "disturbed_biased_and_not_told_percent": percent(welds.biased & welds.silent),
+        "disturbed_off_by_10_percent_and_not_told_percent": percent(
+            (welds.largest > GROSS) & welds.silent
+        ),
+        "disturbed_largest_error_median_percent": 100.0 * welds.largest.median(),
     }
-
-
-def deviations_of(runs):
-    """By how many standard deviations each parameter is off in all runs that tell it."""
-    off = {}
-    for errors, deviations, *_ in runs:
-        for name, error in errors.items():
-            off.setdefault(name, []).append(abs(error) / deviations[name])
-    return off
 
 
 def of_whole_welds(drawn):
     """Coverage of all intervals and errors of the depth gain on welds of 45 minutes."""
-    runs = results_of(
-        "whole weld", one, [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)]
-    )
-    off = deviations_of(runs)
-    every = [one for values in off.values() for one in values]
-    gain = [
-        abs(errors["depth_gain_mm_per_kn_s"])
-        for errors, *_ in runs
-        if "depth_gain_mm_per_kn_s" in errors
-    ]
-    result = {
-        f"whole_{name}_inside_95_percent": 100.0 * sum(one <= _95 for one in values) / len(values)
-        for name, values in off.items()
+    jobs = [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)]
+    runs = results_of("whole weld", identified, jobs)
+    every, by_name = estimates_of(runs)
+    figures = coverage_of(every, by_name) | {
+        "welds": len(runs),
+        "values": len(every),
+        "largest_deviations": every.deviations.max(),
+        "beyond_3_deviations": int((every.deviations > BIASED).sum()),
+        "depth_gain_median_percent": 100.0 * by_name["depth_gain_mm_per_kn_s"].error.median(),
+        "cpu_s_median": statistics.median(run.seconds for run in runs),
+        "cpu_s_largest": max(run.seconds for run in runs),
+        "memory_mb_largest": max(run.memory_mb for run in runs),
     }
-    return result | {
-        "whole_welds": len(runs),
-        "whole_values": len(every),
-        "whole_inside_95_percent": 100.0 * sum(one <= _95 for one in every) / len(every),
-        "whole_largest_deviations": max(every),
-        "whole_beyond_3_deviations": sum(one > BIASED for one in every),
-        "whole_depth_gain_median_percent": 100.0 * statistics.median(gain),
-        "whole_cpu_s_median": statistics.median(seconds for _, _, seconds, *_ in runs),
-        "whole_cpu_s_largest": max(seconds for _, _, seconds, *_ in runs),
-        "whole_memory_mb_largest": max(memory_mb for *_, memory_mb in runs),
-    }
+    return {f"whole_{key}": value for key, value in figures.items()}
 
 
 def of_foreign(drawn):
     """Canisters on which the identified model predicts better than the paper's; ratios of RMS."""
     runs = results_of("canister", foreign, range(len(drawn)))
-    result = {"foreign_canisters": len(runs)}
-    for key in runs[0]:
-        ratios = sorted(run[key] for run in runs)
-        result[f"foreign_{key}_better_percent"] = percent(ratio < 1.0 for ratio in ratios)
-        result[f"foreign_{key}_ratio_median"] = statistics.median(ratios)
-        result[f"foreign_{key}_ratio_largest"] = ratios[-1]
-    return result
+    figures = {"canisters": len(runs), **compared(runs)}
+    return {f"foreign_{key}": value for key, value in figures.items()}
+
+
+def compared(runs):
+    """How often predictions beat those of the paper's model, and ratios of errors, by kind."""
+    figures = {}
+    for key, ratios in pd.DataFrame(runs).items():
+        figures |= {
+            f"{key}_better_percent": percent(ratios < 1.0),
+            f"{key}_ratio_median": ratios.median(),
+            f"{key}_ratio_largest": ratios.max(),
+        }
+    return figures
 
 
 def foreign(index):
@@ -259,59 +277,48 @@ def of_sensors(drawn):
     """Coverage of intervals with other sensors; errors of predictions over the paper's model's."""
     result = {}
     for kind in KINDS:
-        sensors = SENSING.get(kind, {})
         runs = results_of(kind, sensed, [(i, factors, kind) for i, factors in enumerate(drawn)])
-        off = deviations_of(runs)
-        every = [one for values in off.values() for one in values]
-        found = {
-            f"{name}_inside_95_percent": percent(one <= _95 for one in values)
-            for name, values in off.items()
+        every, by_name = estimates_of(runs)
+        correlations_s = zip(*(run.correlation_s for run in runs), strict=True)
+        figures = coverage_of(every, by_name) | {
+            "beyond_3_deviations_percent": percent(every.deviations > BIASED),
+            "told": sum(bool(run.remarks) for run in runs),
+            "not_white": sum(run.not_white for run in runs),
+            "cpu_s_median": statistics.median(run.seconds for run in runs),
+            "plants": len(runs),
+            **lags_of(runs, SENSING.get(kind, {}).get("sensors.temperature_lag_s", 0.0)),
+            **compared([run.ratios for run in runs]),
         }
-        found["inside_95_percent"] = percent(one <= _95 for one in every)
-        found["beyond_3_deviations_percent"] = percent(one > BIASED for one in every)
-        found["told"] = sum(bool(told) for _, _, _, (told, _), *_ in runs)
-        found["not_white"] = sum(not_white for _, _, _, (_, not_white), *_ in runs)
-        found["cpu_s_median"] = statistics.median(seconds for *_, seconds in runs)
-        lags = [lag_s for *_, lag_s, _, _ in runs if lag_s]
-        found["lag_told"] = len(lags)
-        if lags:
-            off = [
-                abs(lag_s - sensors.get("sensors.temperature_lag_s", 0.0)) / std
-                for lag_s, std in lags
-            ]
-            found["lag_s_median"] = statistics.median(lag_s for lag_s, _ in lags)
-            found["lag_std_s_median"] = statistics.median(std for _, std in lags)
-            found["lag_inside_95_percent"] = percent(one <= _95 for one in off)
-        for output, name in enumerate(OUTPUTS):
-            found[f"{name}_correlation_s_median"] = statistics.median(
-                over[output] for *_, over, _ in runs
-            )
-        for name in AIMS:
-            if sizes := [abs(errors[name]) for errors, *_ in runs if name in errors]:
-                found[f"{name}_median_percent"] = 100.0 * statistics.median(sizes)
-        for key in runs[0][2]:
-            ratios = [ratios[key] for _, _, ratios, *_ in runs]
-            found[f"{key}_better_percent"] = percent(ratio < 1.0 for ratio in ratios)
-            found[f"{key}_ratio_median"], found[f"{key}_ratio_largest"] = (
-                statistics.median(ratios),
-                max(ratios),
-            )
-        found["plants"] = len(runs)
-        result |= {f"sensors {kind}: {key}": value for key, value in found.items()}
+        figures |= {
+            f"{name}_correlation_s_median": statistics.median(own)
+            for name, own in zip(OUTPUTS, correlations_s, strict=True)
+        }
+        figures |= {
+            f"{name}_median_percent": 100.0 * by_name[name].error.median()
+            for name in AIMS
+            if name in by_name
+        }
+        result |= {f"sensors {kind}: {key}": value for key, value in figures.items()}
     return result
 
 
-def percent(flags):
-    """Share of those that are true."""
-    return 100.0 * statistics.mean(map(float, flags))
+def lags_of(runs, true_lag_s):
+    """Lags of the thermocouple where the data show one."""
+    lags = [run.lag_s for run in runs if run.lag_s]
+    if not lags:
+        return {"lag_told": 0}
+    return {
+        "lag_told": len(lags),
+        "lag_s_median": statistics.median(lag_s for lag_s, _ in lags),
+        "lag_std_s_median": statistics.median(std for _, std in lags),
+        "lag_inside_95_percent": percent(
+            [abs(lag_s - true_lag_s) / std <= _95 for lag_s, std in lags]
+        ),
+    }
 
 
 def sensed(job):
-    """Identify a plant with such sensors.
-
-    Returns errors, standard deviations, ratios of errors of predictions, remarks about
-    disturbances and whether one is about whiteness, lag and correlation times found, seconds.
-    """
+    """Identify a plant with such sensors."""
     index, factors, kind = job
     lag_s = Actuators().lag_s
     sensors, event = SENSING.get(kind, {}), None
@@ -327,15 +334,14 @@ def sensed(job):
     fit = identify(taught)
     seconds = time.process_time() - began
     judged = prepare(welded(JUDGE, {"noise": False, **factors, **sensors}), lag_s).segments
-    ratios = over_the_papers(judged, fit, 0)
-    told = disturbances(fit), bool(Summary(kind, fit).coloured)
-    return (
+    return Run(
         *errors_of(fit, factors),
-        ratios,
-        told,
-        fit.lag_s,
-        list(map(float, fit.correlation_s)),
         seconds,
+        disturbances(fit),
+        ratios=over_the_papers(judged, fit, 0),
+        not_white=bool(Summary(kind, fit).coloured),
+        lag_s=fit.lag_s,
+        correlation_s=list(map(float, fit.correlation_s)),
     )
 
 
@@ -344,7 +350,7 @@ def prediction_errors(segments, model, settled, lag_s=0.0):
 
     Of the change of an output, by the inputs and the other outputs.
     """
-    found = {}
+    errors = {}
     for output, name in enumerate(OUTPUTS):
         for ticks in (1, 300):
             wrong = []
@@ -355,8 +361,8 @@ def prediction_errors(segments, model, settled, lag_s=0.0):
                 left = (segment.measured[:, output] - response.factor * response.course)[settled:]
                 wrong.append(left[ticks:] - left[:-ticks])
             wrong = np.concatenate(wrong)
-            found[f"{name}_{ticks}_ticks"] = float(np.sqrt(np.nanmean(wrong**2)))
-    return found
+            errors[f"{name}_{ticks}_ticks"] = float(np.sqrt(np.nanmean(wrong**2)))
+    return errors
 
 
 #: what is measured: full and quick number of plants, and the function
@@ -369,22 +375,20 @@ PARTS = {
 }
 
 
-def main():
-    """Measure, print a table, write JSON."""
-    options = _benchmark.parser(__doc__, "8 plants instead of 100 or 60, 2 instead of 12")
-    options.add_argument("--part", nargs="+", choices=PARTS, default=PARTS, help="only these")
-    arguments = options.parse_args()
+def measure(quick, part):
+    """Figures of the parts."""
     result = {}
-    for part in arguments.part:
-        counts, measure = PARTS[part]
-        result |= measure(random_factors(counts[arguments.quick], SPANS))
+    for name in part:
+        counts, figures_of = PARTS[name]
+        result |= figures_of(random_factors(counts[quick], SPANS))
+    return result, {}
+
+
+if __name__ == "__main__":
+    part = {"nargs": "+", "choices": PARTS, "default": PARTS, "help": "only these"}
     aims = {
         f"{name}_median_{'s' if name == 'dead_time_s' else 'percent'}": aim
         for name, aim in AIMS.items()
     }
-    _benchmark.show(result, aims, "<=")
-    _benchmark.save(result, arguments.json)
-
-
-if __name__ == "__main__":
-    main()
+    quick = "8 plants instead of 100 or 60, 2 instead of 12"
+    _benchmark.run(__doc__, quick, measure, options={"--part": part}, aims=aims, sign="<=")

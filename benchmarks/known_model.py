@@ -98,9 +98,9 @@ class Bank:
 
     def step(self, measurement, *arguments):
         """One tick of all."""
-        proposals = [one.step(measurement, *arguments) for one in self._controllers]
+        proposals = [each.step(measurement, *arguments) for each in self._controllers]
         weights = self.weights(measurement.time_s)
-        command = Command(*(weights @ np.array([one.command for one in proposals])))
+        command = Command(*(weights @ np.array([proposal.command for proposal in proposals])))
         return replace(proposals[int(weights.argmax())], command=command)
 
 
@@ -151,8 +151,8 @@ def figures_of(signals, begin_s):
         "depth": truth.depth_mm - signals.reference_depth_mm,
         "temperature": truth.temperature_c - signals.reference_temperature_c,
     }
-    found = {name: TICK_S * float(np.abs(of[late]).sum()) for name, of in errors.items()}
-    return found | {"moved": float(np.abs(np.diff(signals.speed_rpm[late])).sum())}
+    integrals = {name: TICK_S * float(np.abs(of[late]).sum()) for name, of in errors.items()}
+    return integrals | {"moved": float(np.abs(np.diff(signals.speed_rpm[late])).sum())}
 
 
 def measured(task):
@@ -165,7 +165,7 @@ def measured(task):
         "identified": known,
         "true": nominal().scaled(**factors),
     }
-    found = {}
+    figures = {}
     with tempfile.TemporaryDirectory() as folder:
 
         def controller(model):
@@ -181,12 +181,12 @@ def measured(task):
                     for gain in GAINS
                     for more_s in MORE_S
                 ]
-                return Bank([controller(changed(known, one)) for one in around])
-            one = controller(models[name])
+                return Bank([controller(changed(known, change)) for change in around])
+            single = controller(models[name])
             if name == "true" and change:
                 after = controller(changed(models[name], change))
-                return Informed((one, after), CHANGED_S[case])
-            return one
+                return Informed((single, after), CHANGED_S[case])
+            return single
 
         for kind, name, case in product(CHANGES, MODELS, CASES):
             change = CHANGES[kind]
@@ -196,8 +196,8 @@ def measured(task):
                 continue
             signals = loop_of(case, plant, welder(name, change, case), change).run()
             values = figures_of(signals, CHANGED_S[case] if change else 0.0)
-            found |= {(kind, name, f"{case} {key}"): of for key, of in values.items()}
-    return found
+            figures |= {(kind, name, f"{case} {key}"): of for key, of in values.items()}
+    return figures
 
 
 def table_of(rows):
@@ -217,13 +217,12 @@ def measure(quick):
     plants = random_factors(2 if quick else PLANTS, seed=SEED)
     tasks = [Task(i, factors) for i, factors in enumerate(plants)]
     table = table_of(_benchmark.counted(on_all_cores(measured, tasks), tasks))
-    flat = {
-        f"{kind}: {name}: {key}: {word}": value
-        for (kind, name), of in table.items()
+    figures = {
+        (*names, key): dict(zip(("median", "worst"), both, strict=True))
+        for names, of in table.items()
         for key, both in of.items()
-        for word, value in zip(("median", "worst"), both, strict=True)
     }
-    return flat, globals() | {"table": table}
+    return _benchmark.flat(figures), globals() | {"table": table}
 
 
 if __name__ == "__main__":

@@ -23,7 +23,6 @@ from pathlib import Path
 import _benchmark
 import rclpy
 import yaml
-from processes import processor_s
 from rclpy.context import Context
 
 from fsw_control import messages_ros as convert
@@ -96,13 +95,14 @@ def measure(cycles: int, secure: bool) -> _benchmark.Figures:
             launcher.start(name, module, ["--ros-args", "-p", settings] if settings else [])
         wait_for_text(launcher, "supervisor", r"-> auto \(nmpc\)")
         before = {
-            name: processor_s(child.process.pid) for name, child in launcher.children.items()
+            name: _benchmark.processor_s(child.process.pid)
+            for name, child in launcher.children.items()
         }
         begin_s = time.monotonic()
         time.sleep((WARM_UP + cycles + AT_THE_END) * weld.TICK_S)  # the measurement itself
         took_s = time.monotonic() - begin_s
         used = {
-            name: processor_s(child.process.pid) - before[name]
+            name: _benchmark.processor_s(child.process.pid) - before[name]
             for name, child in launcher.children.items()
         }
         launcher.stop()

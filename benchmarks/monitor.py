@@ -9,16 +9,14 @@ With ``--calibrate`` it computes the level of alarms instead, from other seeds. 
 monitor was set by those of the page. ``monitor_welds.py`` says how the plants are drawn.
 """
 
-import os
 import time
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from statistics import NormalDist
 
 import _benchmark
 import numpy as np
 import scipy
-from monitor_welds import CASES, DURATION_S, FAULT_S, IDENTIFIED, PROCESSES, identified, weld
+from monitor_welds import CASES, DURATION_S, FAULT_S, IDENTIFIED, PROCESSES, Case, identified, weld
 
 from fsw_campaign.report import wilson
 from fsw_control.weld import TICK_S
@@ -26,6 +24,7 @@ from fsw_quality.diagnosis import Estimate, WatchCause
 from fsw_quality.likelihood import default_covariance
 from fsw_quality.monitor import ALARM, LASTS_S, SMOOTHED_S, Monitor
 from fsw_quality.monitor_run import watch
+from fsw_tuning.standard_runs import on_all_cores
 
 #: seeds of the welds without a fault, of each fault, and of one that an aim is for by its size
 HEALTHY, FAULTY, AIMED = range(7050, 7100), range(2000, 2003), range(2000, 2006)
@@ -38,38 +37,10 @@ HEALTHY_S = {"none": DURATION_S, "identified": DURATION_S, "long": LONG_S}
 #: seeds of whole healthy welds that calibrate the level of alarms, and the share of such welds
 #: that may exceed it
 CALIBRATING, SHARE = range(5500, 5516), 0.01
-#: what a fault must be named within [s] (of gains: after the set-point that shows it has moved)
-AIMS_S = {
-    **dict.fromkeys(("depth stuck", "torque stuck", "thermocouple stuck"), 3.0),
-    **dict.fromkeys(
-        ("thermocouple 2 °C/min", "torque gain +20 %", "depth gain +20 %", "depth gain -20 %"),
-        60.0,
-    ),
-    "heat gain +20 %": 60.0,
-}
 #: not judged on a canister, whose heat is unknown
 OF_HEAT = "heat gain +20 %", "dead time +1.5 s"
-#: what a clairvoyant looks for: size of the fault; it knows cause, size and onset, so that it
-#: makes one test in a weld
-TRUE_SIZES = {
-    "thermocouple 2 °C/min": 2.0 / 60.0,
-    "depth sensor 0.03 mm/min": 0.03 / 60.0,
-    "torque sensor 10 N·m/min": 10.0 / 60.0,
-    "load cell +2 kN": 2.0,
-    "tool wear 3 N·m/min": 3.0 / 60.0,
-    "tool wear 6 N·m/min": 6.0 / 60.0,
-    "torque gain +20 %": 0.2,
-    "depth gain +20 %": 0.2,
-    "depth gain -20 %": -0.2,
-    "heat gain +20 %": 0.2,
-    "dead time +1.5 s": 1.5,
-}
-#: the same as people read them
-SHOWN_SIZES = {
-    case: Estimate(WatchCause[CASES[case][2][0].upper()], size).scaled[0]
-    for case, size in TRUE_SIZES.items()
-}
-#: standard errors from which it decides for the fault: one false alarm in a hundred
+#: standard errors from which a clairvoyant, who makes one test in a weld, decides for the fault:
+#: one false alarm in a hundred
 NORMAL = NormalDist()
 DECIDES = NORMAL.inv_cdf(0.99)
 #: expected log likelihood ratio from which it finds the fault in one weld of two
@@ -78,15 +49,16 @@ CLAIRVOYANT = 0.5 * DECIDES**2
 MODELS = "nominal", "identified"
 
 
-def judged(process, case, seed, model):
+def judged(task):
     """One weld, watched by one of ``MODELS``; its row."""
+    process, case, seed, model = task
     signals, moved_s, controller = weld(process, seed, case, HEALTHY_S.get(case, DURATION_S))
     known = identified(process, seed) if model == "identified" else ()
     monitor, durations, expected = Monitor(process, *known), [], []
     step, begin_s, faulty = monitor.step, max(FAULT_S, moved_s or 0.0), case in CASES
-    causes = CASES[case][2] if faulty else ()
+    planted = CASES.get(case, Case(()))
     named_s, stale = None, True  # whether the alarm was there before the fault
-    cause = WatchCause[CASES[case][2][0].upper()] if case in TRUE_SIZES else None
+    cause = None if planted.size is None else planted.cause
 
     def timed(sample):
         nonlocal named_s, stale
@@ -95,12 +67,12 @@ def judged(process, case, seed, model):
         durations.append(time.thread_time() - began)
         if cause and sample.time_s > begin_s + 0.5:
             information = monitor.process.information(cause, FAULT_S)
-            expected.append(0.5 * TRUE_SIZES[case] ** 2 * information)
+            expected.append(0.5 * planted.size**2 * information)
         present = any(
-            one.word in causes
+            cause.word in planted.causes
             for finding in monitor.findings
             if finding.alarm
-            for one in (finding.cause, *finding.others)
+            for cause in (finding.cause, *finding.others)
         )
         stale = present and (stale or sample.time_s < FAULT_S)
         if present and not stale and named_s is None:
@@ -108,26 +80,28 @@ def judged(process, case, seed, model):
 
     monitor.step = timed
     watched = watch(monitor, signals)
-    alarms = [(one.begin_s, one.finding.cause.word) for one in watched.alarms]
+    alarms = [(alarm.begin_s, alarm.finding.cause.word) for alarm in watched.alarms]
     sizes = {}  # of the fault when it has lasted for a minute and at the end, without one of all
     if cause and begin_s + LASTS_S < watched.time_s[-1]:
         at = int(np.searchsorted(watched.time_s, begin_s + LASTS_S))
         for name, estimates in (("minute", watched.estimates[at]), ("end", watched.estimates[-1])):
-            sizes[name] = next(numbers(one) for one in estimates if one.cause == cause)
+            sizes[name] = next(
+                numbers(estimate) for estimate in estimates if estimate.cause == cause
+            )
     elif not faulty:
-        sizes = {one.cause.word: numbers(one) for one in watched.estimates[-1]}
+        sizes = {estimate.cause.word: numbers(estimate) for estimate in watched.estimates[-1]}
     return {
         "process": process,
         "case": case,
         "seed": seed,
         "model": model,
-        "excited": not faulty or not CASES[case][3] or moved_s is not None,
+        "excited": not planted.shown_by or moved_s is not None,
         "controller": controller,
         "false": [cause for at_s, cause in alarms if not faulty or at_s < FAULT_S],
         "named_s": named_s,
-        "sizes": {name: one for name, one in sizes.items() if one},
+        "sizes": {name: size for name, size in sizes.items() if size},
         "possible_s": next(
-            (TICK_S * tick for tick, one in enumerate(expected, 1) if one >= CLAIRVOYANT), None
+            (TICK_S * tick for tick, ratio in enumerate(expected, 1) if ratio >= CLAIRVOYANT), None
         ),
         "expected": expected[: round(60.0 / TICK_S)][-1] if expected else None,
         "step_ms": {
@@ -142,21 +116,23 @@ def numbers(estimate: Estimate):
     return None if estimate.reason else estimate.scaled[:2]
 
 
-def largest(process, seed):
+def largest(task):
     """Largest smoothed log likelihood ratio of any fault in a whole healthy weld."""
+    process, seed = task
     signals, *_ = weld(process, seed, "none", LONG_S)
     return max(watch(Monitor(process), signals).ratios)
 
 
-def calibrate():
-    """Level that the largest ratio of a weld exceeds in the allowed share (Gumbel).
+def level():
+    """Level that the largest ratio of a weld exceeds in the share that is allowed.
+
+    By a Gumbel distribution.
 
     It is the largest of all causes, onsets and times of a weld, so that the share is that of all
     of them together; maxima of many dependent values tend to such a distribution (Gumbel,
     Statistics of Extremes, 1958).
     """
-    with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
-        maxima = list(pool.map(largest, *zip(*product(PROCESSES, CALIBRATING), strict=True)))
+    maxima = list(on_all_cores(largest, list(product(PROCESSES, CALIBRATING))))
     fitted = scipy.stats.gumbel_r(*scipy.stats.gumbel_r.fit(maxima))
     return {
         "welds": len(maxima),
@@ -166,7 +142,7 @@ def calibrate():
         "level": float(fitted.isf(SHARE)),
         "shipped": ALARM,
         "percent_at_shipped": 100.0 * float(fitted.sf(ALARM)),
-        "welds_over_shipped": sum(one >= ALARM for one in maxima),
+        "welds_over_shipped": sum(ratio >= ALARM for ratio in maxima),
     }
 
 
@@ -180,17 +156,17 @@ def summary(rows, process, case, model):
     ]
     named = [row["named_s"] for row in own if row["named_s"] is not None]
     possible = [row["possible_s"] for row in own]
-    late_s = np.median([np.inf if one is None else one for one in possible] or [np.inf])
+    late_s = np.median([np.inf if at_s is None else at_s for at_s in possible] or [np.inf])
     sized = bool(own) and all(row["expected"] is not None for row in own)
-    aim_s = AIMS_S.get(case) if process == "paper" or case not in OF_HEAT else None
+    aim_s = CASES[case].aim_s if process == "paper" or case not in OF_HEAT else None
     return {
         "welds": len(own),
         "named": len(named),
         "median_s": float(np.median(named)) if named else None,
         "worst_s": max(named, default=None),
         "aim_s": aim_s,
-        "in_time": None if aim_s is None else sum(one <= aim_s for one in named),
-        "possible": sum(one is not None for one in possible) if sized else None,
+        "in_time": None if aim_s is None else sum(delay_s <= aim_s for delay_s in named),
+        "possible": sum(at_s is not None for at_s in possible) if sized else None,
         "possible_s": float(late_s) if np.isfinite(late_s) else None,
         "expected": float(np.median([row["expected"] for row in own])) if sized else None,
         "possible_percent": 100.0
@@ -202,24 +178,24 @@ def summary(rows, process, case, model):
 
 
 def estimated(own, case):
-    """In how many welds the band of a fault's size contains the true one, and excludes 0.
+    """In how many welds the band of a fault's size has the true one, and excludes 0.
 
     The band, all at both times.
     """
-    found = {}
+    figures, planted = {}, CASES[case]
+    size = Estimate(planted.cause, planted.size).scaled[0] if planted.size else 0.0
     for name in ("minute", "end"):
         sizes = [row["sizes"][name] for row in own if name in row["sizes"]]
-        size = SHOWN_SIZES.get(case, 0.0)
-        found |= {
+        figures |= {
             f"{name}_sized": len(sizes),
-            f"{name}_contains": sum(abs(one - size) <= 2.0 * error for one, error in sizes),
-            f"{name}_not_0": sum(abs(one) > 2.0 * error for one, error in sizes),
-            f"{name}_size": float(np.median([one for one, _ in sizes])) if sizes else None,
+            f"{name}_contains": sum(abs(shown - size) <= 2.0 * error for shown, error in sizes),
+            f"{name}_not_0": sum(abs(shown) > 2.0 * error for shown, error in sizes),
+            f"{name}_size": float(np.median([shown for shown, _ in sizes])) if sizes else None,
             f"{name}_band": 2.0 * float(np.median([error for _, error in sizes]))
             if sizes
             else None,
         }
-    return found
+    return figures
 
 
 def without_fault(rows, process):
@@ -228,12 +204,12 @@ def without_fault(rows, process):
     In how many the band of each cause contains 0 at the end, and the band; and of all causes.
     """
     free = [row["sizes"] for row in rows if row["process"] == process and row["case"] in HEALTHY_S]
-    found = {}
+    figures = {}
     for cause in dict.fromkeys(cause for sizes in free for cause in sizes):
-        sizes = [one[cause] for one in free]
+        sizes = [estimates[cause] for estimates in free]
         contain = sum(abs(size) <= 2.0 * error for size, error in sizes)
         low, high = wilson(contain, len(sizes))
-        found[cause] = {
+        figures[cause] = {
             "welds": len(sizes),
             "contain_0": contain,
             "percent": [100.0 * contain / len(sizes), 100.0 * low, 100.0 * high],
@@ -241,7 +217,7 @@ def without_fault(rows, process):
             "unit": Estimate(WatchCause[cause.upper()]).unit,
         }
     whole = sum(all(abs(s) <= 2.0 * e for s, e in sizes.values()) for sizes in free)
-    return found | {"all causes": {"welds": len(free), "contain_0": whole}}
+    return figures | {"all causes": {"welds": len(free), "contain_0": whole}}
 
 
 def overall(rows):
@@ -272,39 +248,23 @@ def planned(quick):
     """Process, case, seed and model of each weld."""
     healthy, known = (HEALTHY[1:3], KNOWN[1:2]) if quick else (HEALTHY, KNOWN)
     tasks = [] if quick else [*product(PROCESSES, ("long",), LONG, MODELS[:1])]
-    for case in CASES:
-        sized = case in AIMS_S and case in TRUE_SIZES
+    for case, planted in CASES.items():
+        sized = None not in (planted.aim_s, planted.size)
         seeds = FAULTY[1:2] if quick else AIMED if sized else FAULTY
         # one weld in four is left alone: no set-point shows its gains
-        seeds = [seed for seed in seeds if seed % 4 or not CASES[case][3]]
+        seeds = [seed for seed in seeds if seed % 4 or not planted.shown_by]
         tasks += product(PROCESSES, (case,), seeds, MODELS if sized else MODELS[:1])
     tasks += product(PROCESSES, ("none",), healthy, MODELS[:1])
     tasks += product(PROCESSES, ("identified",), known, MODELS[1:])
     return tasks
 
 
-def main():
-    """Measure, print a table, write JSON and the page."""
-    arguments = _benchmark.parser(__doc__, "few welds, no page")
-    arguments.add_argument(
-        "--calibrate", action="store_true", help="compute the level of alarms; no page"
-    )
-    chosen = arguments.parse_args()
-    if chosen.calibrate:
-        _benchmark.show(figures := calibrate())
-        _benchmark.save(figures, chosen.json)
-        return
-    figures, content = content_of(watched(planned(chosen.quick)))
-    _benchmark.show(figures)
-    _benchmark.save(figures, chosen.json)
-    if not chosen.quick:
-        _benchmark.publish("monitor", content)
-
-
-def watched(tasks):
-    """Rows of all welds."""
-    with ProcessPoolExecutor(min(2, len(os.sched_getaffinity(0)))) as pool:
-        return _benchmark.counted(pool.map(judged, *zip(*tasks, strict=True)), tasks, "welds:")
+def measure(quick, calibrate):
+    """Figures, and the content of the page; or the level of alarms."""
+    if calibrate:
+        return level(), {}
+    tasks = planned(quick)
+    return content_of(_benchmark.counted(on_all_cores(judged, tasks), tasks, "welds:"))
 
 
 def content_of(rows):
@@ -315,28 +275,17 @@ def content_of(rows):
     }
     aims = {
         (process, case, model): row
-        for process, case, model in product(PROCESSES, AIMS_S, MODELS)
+        for process, case, model in product(PROCESSES, CASES, MODELS)
         if (row := summary(rows, process, case, model))["aim_s"] is not None and row["welds"]
     }
     figures = overall(rows)
-    flat = {
-        f"{process}: {case}: {name}": value
-        for process, table in tables.items()
-        for case, row in table.items()
-        for name, value in row.items()
-    } | {
-        f"{process}: {case}, identified: {name}": value
+    sizes = {process: without_fault(rows, process) for process in PROCESSES}
+    identified_aims = {
+        (process, f"{case}, identified"): row
         for (process, case, model), row in aims.items()
         if model == "identified"
-        for name, value in row.items()
     }
-    sizes = {process: without_fault(rows, process) for process in PROCESSES}
-    flat |= {
-        f"{process}: {cause}: {name}": value
-        for process, causes in sizes.items()
-        for cause, row in causes.items()
-        for name, value in row.items()
-    }
+    flat = _benchmark.flat(tables) | _benchmark.flat(identified_aims) | _benchmark.flat(sizes)
     return figures | flat, {
         "figures": figures,
         "tables": tables,
@@ -353,4 +302,5 @@ def content_of(rows):
 
 
 if __name__ == "__main__":
-    main()
+    calibrate = {"action": "store_true", "help": "compute the level of alarms; no page"}
+    _benchmark.run(__doc__, "few welds, no page", measure, "monitor", {"--calibrate": calibrate})

@@ -6,13 +6,16 @@ Nothing of these draws sets a limit of the monitor. The coefficients of the plan
 monitor's model, the probe may lag, noise may be larger or coloured, and any tuning may command.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 
 from fsw_model import ModelParameters, nominal
 from fsw_plant import PlantConfig
+from fsw_quality.diagnosis import WatchCause
 from fsw_quality.likelihood import default_covariance
 from fsw_quality.residuals import COEFFICIENTS as STATES
 from fsw_scenario.closed_loop import ClosedLoop
@@ -115,83 +118,63 @@ def wear(nm_per_min):
     return {"at_s": FAULT_S, "disturbance": shape}
 
 
-#: by name: event of the scenario, what acts on the plant, causes that name it (of Cause, in small
-#: letters), and the output whose set-point has to move before it shows
+class Case(NamedTuple):
+    """What is wrong with a weld; by default nothing."""
+
+    causes: tuple[str, ...] = ("",)  #: that name it, of ``WatchCause`` in small letters
+    event: dict[str, Any] | None = None  #: of the scenario
+    act: Callable[[Any], Any] | None = None  #: on the plant
+    shown_by: str = ""  #: output whose set-point has to move before it shows
+    size: float | None = None  #: what a clairvoyant looks for: it knows cause, size and onset
+    aim_s: float | None = None  #: to be named within; of gains: after the set-point has moved
+
+    @property
+    def cause(self) -> WatchCause:
+        """The first of its causes."""
+        return WatchCause[self.causes[0].upper()]
+
+
+def drifting(sensor, unit, per_s, aim_s=None):
+    """A sensor that drifts by so much a second."""
+    event = fault(sensor, "drift", **{f"magnitude_{unit}": per_s})
+    return Case((f"{sensor}_drift",), event, size=per_s, aim_s=aim_s)
+
+
+SENSORS = "depth", "torque", "thermocouple"
+HEAT_GAIN = changed(factors__thermal_gain_c_per_kw=1.2)
+DEAD_TIME = changed(factors__dead_time_s=1.0 + 1.5 / 2.8)
+TORQUE_GAIN = changed(factors__sliding_friction=1.2, factors__sticking_stress_pa=1.2)
+DEPTH_GAIN = {"causes": ("depth_gain",), "shown_by": "depth_mm", "aim_s": 60.0}
+HEAT_SHOWS = {"shown_by": "temperature_c"}
 CASES = {
     **{
-        f"{one} stuck": (fault(one, "freeze"), None, (f"{one}_stuck",), "")
-        for one in ("depth", "torque")
+        f"{sensor} stuck": Case((f"{sensor}_stuck",), fault(sensor, "freeze"), aim_s=3.0)
+        for sensor in SENSORS
     },
-    "thermocouple stuck": (fault("thermocouple", "freeze"), None, ("thermocouple_stuck",), ""),
-    "thermocouple detached": (
-        fault("thermocouple", "drift", magnitude_c=-5.0),
-        None,
-        ("thermocouple_detached",),
-        "",
+    "thermocouple detached": Case(
+        ("thermocouple_detached",), fault("thermocouple", "drift", magnitude_c=-5.0)
     ),
-    "noise of depth tripled": (
-        None,
-        changed(sensors__depth_noise_mm=0.006),
-        ("depth_noise_grown",),
-        "",
+    "noise of depth tripled": Case(
+        ("depth_noise_grown",), act=changed(sensors__depth_noise_mm=0.006)
     ),
-    "thermocouple 2 °C/min": (
-        fault("thermocouple", "drift", magnitude_c=2.0 / 60.0),
-        None,
-        ("thermocouple_drift",),
-        "",
+    "thermocouple 2 °C/min": drifting("thermocouple", "c", 2.0 / 60.0, aim_s=60.0),
+    "depth sensor 0.03 mm/min": drifting("depth", "mm", 0.03 / 60.0),
+    "torque sensor 10 N·m/min": drifting("torque", "nm", 10.0 / 60.0),
+    "load cell +2 kN": Case(("load_cell_step",), act=load_cell, size=2.0),
+    "tool wear 3 N·m/min": Case(("tool_wear",), wear(3.0), size=3.0 / 60.0),
+    "tool wear 6 N·m/min": Case(("tool_wear",), wear(6.0), size=6.0 / 60.0),
+    "torque gain +20 %": Case(("torque_gain",), act=TORQUE_GAIN, size=0.2, aim_s=60.0),
+    "depth gain +20 %": Case(
+        act=changed(factors__depth_gain_mm_per_kn_s=1.2), size=0.2, **DEPTH_GAIN
     ),
-    "depth sensor 0.03 mm/min": (
-        fault("depth", "drift", magnitude_mm=0.03 / 60.0),
-        None,
-        ("depth_drift",),
-        "",
+    "depth gain -20 %": Case(
+        act=changed(factors__depth_gain_mm_per_kn_s=0.8), size=-0.2, **DEPTH_GAIN
     ),
-    "torque sensor 10 N·m/min": (
-        fault("torque", "drift", magnitude_nm=10.0 / 60.0),
-        None,
-        ("torque_drift",),
-        "",
-    ),
-    "load cell +2 kN": (None, load_cell, ("load_cell_step",), ""),
-    "tool wear 3 N·m/min": (wear(3.0), None, ("tool_wear",), ""),
-    "tool wear 6 N·m/min": (wear(6.0), None, ("tool_wear",), ""),
-    "torque gain +20 %": (
-        None,
-        changed(factors__sliding_friction=1.2, factors__sticking_stress_pa=1.2),
-        ("torque_gain",),
-        "",
-    ),
-    "depth gain +20 %": (
-        None,
-        changed(factors__depth_gain_mm_per_kn_s=1.2),
-        ("depth_gain",),
-        "depth_mm",
-    ),
-    "depth gain -20 %": (
-        None,
-        changed(factors__depth_gain_mm_per_kn_s=0.8),
-        ("depth_gain",),
-        "depth_mm",
-    ),
-    "heat gain +20 %": (
-        None,
-        changed(factors__thermal_gain_c_per_kw=1.2),
-        ("heat_gain",),
-        "temperature_c",
-    ),
-    "dead time +1.5 s": (
-        None,
-        changed(factors__dead_time_s=1.0 + 1.5 / 2.8),
-        ("dead_time",),
-        "temperature_c",
-    ),
-    "force drive sticks, 0.5 kN": (None, sticking, ("force_sticks", "force_lags"), ""),
-    "drives 0.5 s late": (
-        None,
-        changed(actuators__dead_time_ticks=5),
-        ("force_lags", "speed_lags"),
-        "",
+    "heat gain +20 %": Case(("heat_gain",), act=HEAT_GAIN, size=0.2, aim_s=60.0, **HEAT_SHOWS),
+    "dead time +1.5 s": Case(("dead_time",), act=DEAD_TIME, size=1.5, **HEAT_SHOWS),
+    "force drive sticks, 0.5 kN": Case(("force_sticks", "force_lags"), act=sticking),
+    "drives 0.5 s late": Case(
+        ("force_lags", "speed_lags"), act=changed(actuators__dead_time_ticks=5)
     ),
 }
 
@@ -251,8 +234,8 @@ def scenario(process, seed, case, duration_s):
         {"at_s": 5.0, "reference": {"depth_mm": 2.66, "temperature_c": 816.4}},
         {"at_s": round(float(random.uniform(120.0, 380.0)), 1), "disturbance": edge},
     ]
-    event, _, causes, _ = CASES.get(case, (None, None, ("",), ""))
-    if causes[0] != "tool_wear":  # its ramp is on the same channel
+    planted = CASES.get(case, Case())
+    if planted.causes[0] != "tool_wear":  # its ramp is on the same channel
         events.append({"at_s": 1.0, "disturbance": {"channel": "torque", "shape": "sine", **sine}})
     depth, temperature, at_s = 2.66, 816.4, 5.0
     # one weld in four is left alone
@@ -266,9 +249,9 @@ def scenario(process, seed, case, duration_s):
             )
             events.append({"at_s": round(at_s, 1), "reference": {"temperature_c": temperature}})
     label = CONTROLLERS[seed % len(CONTROLLERS)]
-    events += [event] if event else []
+    events += [planted.event] if planted.event else []
     if (
-        event and "fault" in event
+        planted.event and "fault" in planted.event
     ):  # then a supervisor commands, with a fallback; its switch comes after the end
         fallback = "decentral" if name_of(label) == "nmpc" else "nmpc"
         events.append({"at_s": duration_s - 0.1, "switch": fallback})
@@ -279,7 +262,7 @@ def scenario(process, seed, case, duration_s):
                 "duration_s": duration_s,
                 "controller": name_of(label),
                 "plant": plant,
-                "events": sorted(events, key=lambda one: one["at_s"]),
+                "events": sorted(events, key=lambda event: event["at_s"]),
             }
         ),
         "benchmark",
@@ -290,22 +273,22 @@ def scenario(process, seed, case, duration_s):
 def weld(process, seed, case, duration_s=DURATION_S):
     """Signals of a weld, and the first set-point move that shows the fault (None: at once)."""
     made, label = scenario(process, seed, case, duration_s)
-    _, act, _, shown_by = CASES.get(case, (None, None, (), ""))
+    planted = CASES.get(case, Case())
     loop = ClosedLoop(made, make_all(made, label, {}))
-    if act is not None and act is not load_cell:
+    if planted.act not in (None, load_cell):
         step = loop.plant.step
 
         def stepped():
-            act(loop.plant)
+            planted.act(loop.plant)
             step()
 
         loop.plant.step = stepped
     signals = loop.run()
-    if act is load_cell:
+    if planted.act is load_cell:
         signals = load_cell(signals)
     moves = [
-        one.at_s
-        for one in made.events
-        if shown_by and getattr(one.reference, shown_by, None) is not None
+        event.at_s
+        for event in made.events
+        if planted.shown_by and getattr(event.reference, planted.shown_by, None) is not None
     ]
     return signals, next((at_s for at_s in moves if at_s >= FAULT_S), None), label

@@ -216,12 +216,11 @@ def weld(
     return {f"{title}: {name}": value for name, value in figures_of(graph.bag).items()}
 
 
-def main() -> int:
-    """Measure, print a table, write JSON; returns the exit code: 1 when a weld did not end."""
-    arguments = _benchmark.parser(__doc__, "a good network and one that loses 5 %").parse_args()
+def measure(quick: bool) -> tuple[_benchmark.Figures, _benchmark.Figures]:
+    """Figures of all networks, and of one that is cut."""
     os.environ |= SETTINGS
     scenario = load("quick")
-    names = ["good", "loses 5 %"] if arguments.quick else list(NETWORKS)
+    names = ["good", "loses 5 %"] if quick else list(NETWORKS)
     figures: _benchmark.Figures = {}
     with (
         two_computers() as cable,
@@ -233,8 +232,12 @@ def main() -> int:
             bar((index + 1) / (len(names) + 1))
         title = f"cut for {CUT_S:g} s"
         figures |= weld(title, cable, Network(), scenario, Path(scratch) / "cut", cut=True)
-    _benchmark.show(figures)
-    _benchmark.save(figures, arguments.json)
+    return figures, {}
+
+
+def main() -> int:
+    """Run the benchmark; returns the exit code: 1 when a weld did not end."""
+    figures = _benchmark.run(__doc__, "a good network and one that loses 5 %", measure)
     return int(any("failed" in name for name in figures))
 
 

@@ -86,23 +86,20 @@ RIVAL_NAMES = (*RIVALS, FatropSolver.name)
 SAME_COST = 1e-3
 
 
+def measure(quick: bool, only_ratios: bool) -> tuple[_benchmark.Figures, _benchmark.Figures]:
+    """Figures of all measurements."""
+    figures: _benchmark.Figures = {}
+    for part in (ratios,) if only_ratios else (step_times, ratios, against_converged):
+        print(f"{(part.__doc__ or '').splitlines()[0]} ...", file=sys.stderr, flush=True)
+        figures |= part(quick)
+    return figures, {}
+
+
 def main() -> int:
     """Run all measurements; returns the exit code."""
-    arguments = _benchmark.parser(__doc__, "shorter runs: minutes become seconds")
-    arguments.add_argument(
-        "--only-ratios", action="store_true", help="only the comparison with other solvers"
-    )
-    options = arguments.parse_args()
-    figures: _benchmark.Figures = {}
-    for part in (ratios,) if options.only_ratios else (step_times, ratios, against_converged):
-        print(
-            f"{(part.__doc__ or '').splitlines()[0].removesuffix('.')} ...",
-            file=sys.stderr,
-            flush=True,
-        )
-        figures |= part(options.quick)
-        _benchmark.save(figures, options.json)
-    _benchmark.show(figures)
+    only = {"action": "store_true", "help": "only the comparison with other solvers"}
+    quick = "shorter runs: minutes become seconds"
+    figures = _benchmark.run(__doc__, quick, measure, options={"--only-ratios": only})
     others = [
         name
         for name, value in figures.items()
@@ -201,7 +198,7 @@ def step_times(quick: bool) -> _benchmark.Figures:
 
 def problems_of_weld(controller: NmpcController, quick: bool) -> list[tuple[Any, Vector]]:
     """Problems as they come after the set-points' steps, each with the last plan's moves."""
-    found: list[tuple[Any, Vector]] = []
+    problems: list[tuple[Any, Vector]] = []
     wanted = {
         round(10 * (at_s + later_s))
         for at_s, _, _ in EVENTS
@@ -212,10 +209,10 @@ def problems_of_weld(controller: NmpcController, quick: bool) -> list[tuple[Any,
         if round(10 * time_s) in wanted:
             kept = KERNEL.new("fsw_problem")
             kept[0] = problem[0]
-            found.append((kept, start))
+            problems.append((kept, start))
 
     close_loop(controller, reference_at, WELD_S, noise=1.0, watch=watch)
-    return found
+    return problems
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,7 +283,7 @@ class Comparison:
         """Medians of times, and the largest excesses."""
         series, figures = self._series, _benchmark.Figures()
         for key in (
-            one for name in RIVAL_NAMES for one in (f"ratio_{name}", f"ratio_{name}_to_tick")
+            ratio for name in RIVAL_NAMES for ratio in (f"ratio_{name}", f"ratio_{name}_to_tick")
         ):
             figures[key] = self._middle(key)
         for name in ("rti108", "tick", *RIVAL_NAMES):
@@ -349,7 +346,9 @@ def ratios(quick: bool) -> _benchmark.Figures:
     for i, (problem, start) in enumerate(problems):
         costs = comparison.compare(problem, start)
         print(f"  problem {i + 1} of {len(problems)}: {costs}", file=sys.stderr, flush=True)
-    figures = comparison.figures() | limits_of_fatrop(controller, [one for one, _ in problems])
+    figures = comparison.figures() | limits_of_fatrop(
+        controller, [problem for problem, _ in problems]
+    )
     return {"ratio_problems": len(problems)} | figures
 
 

@@ -112,16 +112,18 @@ def of_times(name: str, times_s: list[float]) -> _benchmark.Figures:
     }
 
 
-def main() -> int:
-    """Run the comparison; returns the exit code."""
-    options = _benchmark.parser(__doc__, "half a minute of weld instead of four").parse_args()
+def measure(quick: bool) -> tuple[_benchmark.Figures, _benchmark.Figures]:
+    """Figures of both loops; exit code 3 where there is no acados."""
     folder = install()
     if isinstance(folder, str):
         print(f"acados not measured: {folder}", file=sys.stderr)
-        return 3
-    figures = compare(Acados(folder), options.quick)
-    _benchmark.save(figures, options.json)
-    _benchmark.show(figures)
+        sys.exit(3)
+    return compare(Acados(folder), quick), {}
+
+
+def main() -> int:
+    """Run the comparison; returns the exit code."""
+    figures = _benchmark.run(__doc__, "half a minute of weld instead of four", measure)
     return int(any(value for name, value in figures.items() if name.endswith("_fallbacks")))
 
 

@@ -193,12 +193,12 @@ def by_casadi(name: str, qp: Qp, warm: bool) -> Answer:
     times, solver_s = [], []
     for _ in range(REPEATS):
         began = time.thread_time()
-        found = solver(h=h, a=a, **bounds, **more)
+        solution = solver(h=h, a=a, **bounds, **more)
         times.append(time.thread_time() - began)
         stats = solver.stats()
         solver_s.append(stats["t_proc_solver"] or times[-1])  # OSQP does not tell
     inside, outside = statistics.median(solver_s), statistics.median(times)
-    moves = np.asarray(found["x"].full().ravel()[: len(qp.start)], dtype=np.float64)
+    moves = np.asarray(solution["x"].full().ravel()[: len(qp.start)], dtype=np.float64)
     return Answer(inside, max(0.0, outside - inside), moves if stats["success"] else None)
 
 
@@ -262,14 +262,14 @@ def compare(preset: str, quick: bool) -> _benchmark.Figures:
     return figures | {f"{preset}_unsolved_{name}": count for name, count in unsolved.items()}
 
 
+def measure(quick: bool) -> tuple[_benchmark.Figures, _benchmark.Figures]:
+    """Figures of both presets."""
+    return compare("default", quick) | compare("paper", quick), {}
+
+
 def main() -> int:
     """Run the comparison; returns the exit code."""
-    options = _benchmark.parser(__doc__, "four problems a preset instead of twenty").parse_args()
-    figures: _benchmark.Figures = {}
-    for preset in ("default", "paper"):
-        figures |= compare(preset, options.quick)
-        _benchmark.save(figures, options.json)
-    _benchmark.show(figures)
+    figures = _benchmark.run(__doc__, "four problems a preset instead of twenty", measure)
     return int(any(figures[f"{preset}_excess_own"] > SAME_COST for preset in ("default", "paper")))
 
 

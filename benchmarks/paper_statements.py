@@ -157,14 +157,10 @@ def run(label: str, parameters: dict[str, str]) -> dict[str, float]:
 def measure(quick: bool) -> tuple[_benchmark.Figures, Mapping[str, object]]:
     """Figures, and the content of the page."""
     labels = ("nmpc:paper", DEFAULT, CONSERVATIVE) if quick else LABELS
-    found = dict(zip(labels, on_all_cores(measured, labels), strict=True))
-    judged = {label: answers(own, found[CONSERVATIVE]) for label, own in found.items()}
-    flat = {
-        f"{label}: {key}": value
-        for label in labels
-        for key, value in (found[label] | judged[label]).items()
-    }
-    return flat, globals() | {"found": found, "judged": judged}
+    numbers = dict(zip(labels, on_all_cores(measured, labels), strict=True))
+    judged = {label: answers(own, numbers[CONSERVATIVE]) for label, own in numbers.items()}
+    flat = _benchmark.flat({label: numbers[label] | judged[label] for label in labels})
+    return flat, globals() | {"found": numbers, "judged": judged}
 
 
 if __name__ == "__main__":

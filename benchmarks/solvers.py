@@ -22,20 +22,16 @@ from fsw_analysis.report import numbers, templates
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "results" / "solvers.md"
 NAMES = {
-    **{
-        "own": "this project's",
-        "daqp": "DAQP",
-        "qpoases": "qpOASES",
-        "hpipm": "HPIPM",
-        "piqp": "PIQP",
-    },
-    **{
-        "highs": "HiGHS",
-        "proxqp": "ProxQP",
-        "osqp": "OSQP",
-        "rti108": "this project's",
-        "ipopt": "IPOPT",
-    },
+    "own": "this project's",
+    "daqp": "DAQP",
+    "qpoases": "qpOASES",
+    "hpipm": "HPIPM",
+    "piqp": "PIQP",
+    "highs": "HiGHS",
+    "proxqp": "ProxQP",
+    "osqp": "OSQP",
+    "rti108": "this project's",
+    "ipopt": "IPOPT",
     "sqp_piqp": "SQP, PIQP",
     "fatrop": "FATROP",
 }
@@ -66,7 +62,7 @@ def qp_rows(figures: dict[str, Any], preset: str) -> list[Row]:
         return figures.get(f"{preset}_{key}")
 
     rows = [Row(NAMES["own"], 0, None, of("own_ms"), None, 1.0, of("excess_own"))]
-    for name in (one for one in NAMES if of(f"unsolved_{one}") is not None):
+    for name in (name for name in NAMES if of(f"unsolved_{name}") is not None):
         times = (of(f"{name}_{kind}") or None for kind in ("ms", "warm_ms", "interface_ms"))
         rows.append(
             Row(

@@ -38,7 +38,7 @@ EXPORTS: dict[str, tuple[list[str], str, tuple[str, ...]]] = {
 }
 
 
-def measure(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
+def exported(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
     """All figures of one export, by target."""
     arguments, prefix, targets = EXPORTS[name]
     folder = scratch / name
@@ -58,52 +58,41 @@ def measure(name: str, scratch: Path, quick: bool) -> dict[str, Any]:
         options = ["-DFSW_STACK_USAGE=1", "-DFSW_COUNTER=1"] if target.counts else []
         c_targets.build(folder, target, built, *options)
         c_targets.run_vectors(folder, built)
-        found = figures[key] = {
+        own = figures[key] = {
             "title": target.title,
             "largest_difference": c_targets.largest_difference(folder, built),
         }
         if not target.counts:
             continue
         counts, iterations = c_targets.instructions(folder, built)
-        found["instructions_p50"] = int(np.median(counts))
-        found["instructions_p99"] = int(np.percentile(counts, 99))
-        found["instructions_max"] = int(counts.max())
+        own["instructions_p50"] = int(np.median(counts))
+        own["instructions_p99"] = int(np.percentile(counts, 99))
+        own["instructions_max"] = int(counts.max())
         if iterations.any():
-            found["iterations_max"] = int(iterations.max())
+            own["iterations_max"] = int(iterations.max())
             slope, base = np.polyfit(iterations, counts, 1)
-            found["instructions_per_iteration"], found["instructions_without"] = (
+            own["instructions_per_iteration"], own["instructions_without"] = (
                 int(slope),
                 int(base),
             )
-        found["flash_bytes"], found["static_bytes"] = c_targets.sizes(built)
-        found["state_bytes"] = c_targets.state_bytes(built)
-        found["stack_bytes"] = c_targets.stack_bytes(built, f"{prefix}_step")
+        own["flash_bytes"], own["static_bytes"] = c_targets.sizes(built)
+        own["state_bytes"] = c_targets.state_bytes(built)
+        own["stack_bytes"] = c_targets.stack_bytes(built, f"{prefix}_step")
     return figures
 
 
-def main() -> int:
-    """Measure, print and, if asked to, publish."""
-    arguments = _benchmark.parser(__doc__, "Cortex-M7 only")
-    arguments.add_argument(
-        "--publish", action="store_true", help="also write the shipped figures and docs/results"
-    )
-    given = arguments.parse_args()
+def measure(quick: bool, publish: bool) -> tuple[_benchmark.Figures, _benchmark.Figures]:
+    """Figures of all exports; writes what is shipped, if asked to."""
     with tempfile.TemporaryDirectory() as scratch:
-        found = {name: measure(name, Path(scratch), given.quick) for name in EXPORTS}
-    flat = {
-        f"{n}.{t}.{k}": v
-        for n, by in found.items()
-        for t, one in by.items()
-        for k, v in one.items()
-    }
-    _benchmark.show({key: value for key, value in flat.items() if not isinstance(value, str)})
-    _benchmark.save(flat, given.json)
-    if given.publish:
-        PUBLISHED.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-        PAGE.write_text(results_page(found), encoding="utf-8")
+        exports = {name: exported(name, Path(scratch), quick) for name in EXPORTS}
+    if publish:
+        PUBLISHED.write_text(json.dumps(exports, indent=2) + "\n", encoding="utf-8")
+        PAGE.write_text(results_page(exports), encoding="utf-8")
         print(f"wrote {PUBLISHED.relative_to(ROOT)} and {PAGE.relative_to(ROOT)}", file=sys.stderr)
-    return 0
+    return _benchmark.flat(exports, "."), {}
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    what = "also write the shipped figures and docs/results"
+    options = {"--publish": {"action": "store_true", "help": what}}
+    _benchmark.run(__doc__, "Cortex-M7 only", measure, options=options)

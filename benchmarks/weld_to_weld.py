@@ -23,6 +23,7 @@ from fsw_model import nominal
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_scenario.scenario_file import content_of, parse, text_of
+from fsw_tuning.standard_cases import cut_joint_line
 from fsw_tuning.standard_runs import on_all_cores
 
 MACHINES, WELDS, SEED = 8, 8, 1947  #: of a seed that nothing else has
@@ -45,11 +46,7 @@ _95 = 1.96
 def ordinary(model, seed):
     """Signals of ``canister_weld`` with a short joint line, on a process of these parameters."""
     content = content_of(text_of("canister_weld"))
-    phases = {phase["name"]: phase for phase in content["phases"]}
-    less_deg = phases["joint_line"]["to_deg"] - END_DEG
-    for name in ("joint_line", "overlap", "parking"):
-        phases[name]["to_deg"] -= less_deg
-    content["events"] = [one for one in content["events"] if one.get("at_deg", 0.0) <= END_DEG]
+    cut_joint_line(content, END_DEG)
     factors = {
         f"factors.{name}": getattr(model, name) / getattr(nominal(), name)
         for name in (key.removeprefix("factors.") for key in SPANS)

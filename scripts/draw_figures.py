@@ -20,7 +20,7 @@ from typing import Any
 from _bootstrap import WORKSPACE, ensure
 
 if __name__ == "__main__":
-    ensure(extras=("history", "canister"))
+    ensure(extras=("history", "canister", "science"))
 
 sys.path.append(str(WORKSPACE / "benchmarks"))
 

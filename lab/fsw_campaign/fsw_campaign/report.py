@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator
 
 from fsw_analysis.kpi_table import ROWS
-from fsw_analysis.report import numbers, templates
+from fsw_analysis.report import numbers, source, templates
 from fsw_campaign import figures
 from fsw_campaign.dataset import load
 from fsw_campaign.definition import Bounds, Limit
@@ -152,9 +151,7 @@ def _rendered(template: str, content: dict[str, Any]) -> str:
 def _html(title: str, markdown: str, images: dict[str, bytes]) -> str:
     body = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
     for name, image in images.items():
-        body = body.replace(
-            f'src="{name}"', f'src="data:image/png;base64,{base64.b64encode(image).decode()}"'
-        )
+        body = body.replace(f'src="{name}"', f'src="{source(image)}"')
     return _TEMPLATES.get_template("report.html.j2").render(title=title, body=body)
 
 

@@ -54,9 +54,8 @@ _OWN = ("dt_s", "applied_force_kn", "applied_speed_rpm", "n_changes")
 #: the one future set-point that the FMU takes
 _KNOWN = Signal(
     "change_valid",
-    "bool",
-    "",
     "whether the next set-point is known: the change_... signals",
+    "bool",
     "n_changes",
 )
 _DRIVES_VALID = "Whether acting_force_kn and acting_speed_rpm are connected and valid"

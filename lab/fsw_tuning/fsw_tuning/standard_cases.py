@@ -95,6 +95,20 @@ def events(case: str, begin_s: float = 0.0) -> list[dict[str, Any]]:
     ]
 
 
+def cut_joint_line(content: dict[str, Any], end_deg: float) -> None:
+    """Let the joint line of a scenario file's content end sooner [deg].
+
+    The phases after it follow, later events go.
+    """
+    phases = {phase["name"]: phase for phase in content["phases"]}
+    sooner_deg = phases["joint_line"]["to_deg"] - end_deg
+    for name in ("joint_line", "overlap", "parking"):
+        phases[name]["to_deg"] -= sooner_deg
+    content["events"] = [
+        event for event in content["events"] if event.get("at_deg", 0.0) <= end_deg
+    ]
+
+
 def scenario(case: str, plant: Mapping[str, float | bool | str], controller: str) -> Scenario:
     """One of ``CASES``, or a scenario by file or name, with parameters of the plant."""
     overrides = [

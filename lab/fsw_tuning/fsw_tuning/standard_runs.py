@@ -104,13 +104,15 @@ def _figures_or_error(job: Job) -> Figures:
         return {"error": str(error)}
 
 
-def on_all_cores(function: Callable[[T], R], jobs: Sequence[T], chunksize: int = 1) -> Iterator[R]:
-    """Results of a function for all jobs, in their order, by a process per processor.
+def on_all_cores(
+    function: Callable[[T], R], jobs: Sequence[T], chunksize: int = 1, workers: int | None = None
+) -> Iterator[R]:
+    """Results of a function for all jobs, in their order, by one process per processor or so many.
 
     They are spawned, because forked ones would share DDS and locks. Ctrl-C reaches the caller
     alone; when it takes no more results, the processes are ended.
     """
-    pool = ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(workers or os.cpu_count(), mp_context=get_context("spawn"))
     handler = signal.signal(
         signal.SIGINT, signal.SIG_IGN
     )  # inherited by the processes, which ``map`` starts

@@ -36,27 +36,17 @@ FACTORS = (0.5, 1.5)
 HALF_FALL = ((welds.FALL, 0.5),)
 #: welds with either controller that a variation must have, to be shown
 _FEWEST = 1
-WORDS = {
-    welds.FALL: "fall of the needed power",
-    welds.HEAT: "size of the random heat",
-    welds.HEAT_SCATTER: "random heat between welds",
-    welds.HEAT_S: "time of the random heat",
-    welds.TORQUE: "size of the random torque",
-    welds.TORQUE_S: "time of the random torque",
-    welds.TOOL_SCATTER: "needed power between welds",
-    welds.FRICTION_SCATTER: "friction between welds",
-    welds.FALL_SCATTER: "fall of the power between welds",
-}
-UNITS = {
-    welds.FALL: "°C",
-    welds.HEAT: "°C",
-    welds.HEAT_SCATTER: "°C",
-    welds.HEAT_S: "s",
-    welds.TORQUE: "N·m",
-    welds.TORQUE_S: "s",
-    welds.TOOL_SCATTER: "",
-    welds.FRICTION_SCATTER: "",
-    welds.FALL_SCATTER: "°C",
+#: name and unit of each parameter that is fitted or varied
+PARAMETERS = {
+    welds.FALL: ("fall of the needed power", "°C"),
+    welds.HEAT: ("size of the random heat", "°C"),
+    welds.HEAT_SCATTER: ("random heat between welds", "°C"),
+    welds.HEAT_S: ("time of the random heat", "s"),
+    welds.TORQUE: ("size of the random torque", "N·m"),
+    welds.TORQUE_S: ("time of the random torque", "s"),
+    welds.TOOL_SCATTER: ("needed power between welds", ""),
+    welds.FRICTION_SCATTER: ("friction between welds", ""),
+    welds.FALL_SCATTER: ("fall of the power between welds", "°C"),
 }
 
 
@@ -192,7 +182,7 @@ def _varied(rows: Sequence[Row]) -> list[dict[str, Any]]:
                 intervals = welds.intervals(welds.groups(cascade, GROUP))
                 varied.append(
                     {
-                        "parameter": WORDS[name],
+                        "parameter": PARAMETERS[name][0],
                         "factor": factor,
                         "welds": len(cascade),
                         "cascade": {key: intervals[key][1] for key in STATISTICS},
@@ -230,7 +220,7 @@ def _signless(cells: list[str]) -> list[str]:
 def page(data: Mapping[str, Any]) -> str:
     """The page."""
     template = templates(Path(__file__).parent).get_template("realistic.md.j2")
-    names = {"words": WORDS, "units": UNITS, "FITTED": FITTED, "CHOSEN": CHOSEN, "NMPC": NMPC}
+    names = {"parameters": PARAMETERS, "FITTED": FITTED, "CHOSEN": CHOSEN, "NMPC": NMPC}
     figures = {"groups": welds.GROUPS, "GROUP": GROUP, "CONVERGED": CONVERGED}
     text = template.render(data, rows=table(data), **names, **figures)
     return text.rstrip("\n") + "\n"

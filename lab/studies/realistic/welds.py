@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -24,6 +23,7 @@ from fsw_plant.process import prepare
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.weld_programme import spans
+from fsw_tuning.standard_runs import on_all_cores
 
 Row = dict[str, Any]
 PHASE = "joint_line"
@@ -138,10 +138,9 @@ def each(
 ) -> Iterator[Any]:
     """Results of a function of each task, in order."""
     prepare(PlantConfig.from_values(scenario_of(tasks[0]).plant))
-    with ProcessPoolExecutor(workers) as pool:
-        for i, result in enumerate(pool.map(function, tasks)):
-            progress(i + 1)
-            yield result
+    for done, result in enumerate(on_all_cores(function, tasks, workers=workers), start=1):
+        progress(done)
+        yield result
 
 
 def run(

@@ -7,7 +7,6 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from fsw_quality import history, history_report
 from fsw_quality.history_report import Kind, Remark
 from fsw_recorder.errors import BagError
 from fsw_scenario.scenario_file import parse
+from fsw_tuning.standard_runs import on_all_cores
 from weld_series.series import (
     BEGIN_DEG,
     SPECIAL,
@@ -53,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--workers",
         type=int,
-        default=os.cpu_count() or 1,
+        default=os.cpu_count(),
         help="processes (default: one per core)",
     )
     parser.add_argument("--out", type=Path, default=Path("out") / "weld_series", help="folder")
@@ -118,15 +118,12 @@ def _weld(folder: Path, welds: int, workers: int, end_deg: float) -> list[histor
     print("heat conduction in the canister (once; half a minute) ...", file=sys.stderr, flush=True)
     prepare(PlantConfig.from_values(parse(scenario_text(1, end_deg), "series").plant))
     rows = []
-    pool = ProcessPoolExecutor(max(1, workers))
-    try:
-        for row in pool.map(partial(judged, folder=folder, end_deg=end_deg), range(1, welds + 1)):
-            rows.append(row)
-            if row["weld"] not in there:
-                history.add(folder / "history", [row])
-            print(f"\r{len(rows)} of {welds} welds", end="", file=sys.stderr, flush=True)
-    finally:
-        pool.shutdown(cancel_futures=True)
+    made = partial(judged, folder=folder, end_deg=end_deg)
+    for row in on_all_cores(made, range(1, welds + 1), workers=workers):
+        rows.append(row)
+        if row["weld"] not in there:
+            history.add(folder / "history", [row])
+        print(f"\r{len(rows)} of {welds} welds", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return rows
 

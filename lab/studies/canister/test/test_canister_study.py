@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from canister import command, properties, report, validation
 
+from fsw_analysis.report import templates
 from fsw_control.schema.models import InputError
+from fsw_model import heat_profile, nominal
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
@@ -172,3 +174,49 @@ def test_the_page_is_written(tmp_path):
     assert content["reduced"]["phases_c"] == {"downward": 0.3}
     assert "| paper (16) | 1.00 |" in file.read_text()
     assert (tmp_path / "canister.png").stat().st_size > 10_000
+
+
+def test_benchmark_of_learned_heat_has_figures_and_a_page_of_all_its_welds(monkeypatch):
+    """With figures instead of welds: one canister, whose last phase the learned profile leaves too cold."""
+
+    def made(task):
+        cold_s = 9.0 if task.label in (heat.CONTROLLERS[-1], heat.HOTTEST) else 0.0
+        size = 1.0 if task.label == "model" else 2.0 if task.label.endswith("mirrored") else 0.5
+        weld = {"kind": task.kind, "canister": task.canister, "label": task.label}
+        weld |= {"end_deg": task.end_deg, "rms_c": size, "later_fastest_s": 20.0}
+        return [
+            weld
+            | dict.fromkeys(("temperature_sigma_c", "depth_sigma_mm", "moved_rpm"), size)
+            | dict.fromkeys(("temperature_peak_c", "depth_peak_mm", "fastest_s"), size)
+            | {"phase": phase, "cold_s": cold_s * (phase == "parking")}
+            | {
+                "outside_s": cold_s * (phase == "parking"),
+                "good": phase != "parking" or not cold_s,
+            }
+            for phase in heat.PHASES
+        ]
+
+    profile = heat_profile.HeatProfile(
+        type="t", model=heat_profile.ThermalModel.of(nominal()),
+        welds=(heat_profile.HeatSource(weld="w", sha256="0" * 64),),
+        travel_mm=(0.0, 1.0), heat_kw=(1.0, 2.0), deviation_kw=(0.1, 0.1),
+    )  # fmt: skip
+    numbers = ("computed", *heat.LEARNED, "whole")
+    profiles = {(kind, n): profile for kind in (0, 1, 2, 3) for n in numbers}
+    monkeypatch.setattr(heat, "measured", made)
+    monkeypatch.setattr(
+        heat, "on_all_cores", lambda function, jobs: (function(job) for job in jobs)
+    )
+    monkeypatch.setattr(heat, "MEASURED", (500,))
+    monkeypatch.setattr(
+        heat, "profiles_of", lambda *_: (profiles, dict.fromkeys((0, 1, 2, 3), "m"))
+    )
+    figures, content = heat.measure(quick=False, minutes=1e6)
+    assert (figures["wrong_pairings"], figures["wrong_above_most"]) == (16, 4)
+    assert figures["mirrored_worst_cost"] == 2.0 and figures["learned_worse"] == 0
+    assert figures["learned from 4: share of phases inside"] == 0.8
+    assert figures["learned from 4: share of phases inside, of those in reach"] == 1.0
+    assert figures["outside: type 3, canister 500: parking: hottest_cold_s"] == 9.0
+    assert figures["learned from 1: speed moved, all: share"] == 1.0
+    page = templates(Path(heat.__file__).parent).get_template("heat.md.j2").render(content)
+    assert "16 wrong pairings 0.50 (median) and at most 2.00" in page

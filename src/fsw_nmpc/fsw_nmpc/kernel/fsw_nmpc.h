@@ -1,9 +1,9 @@
 /* The complete NMPC of depth and temperature: estimator, reference trajectories, optimal control
  * problem, solver, acceptance, fallback and limits.
  *
- * Portable C99: no heap, no globals, no recursion, only sqrt and fabs of libm, and every loop is
- * bounded. All memory is in struct fsw_nmpc. All sizes of a model are checked. NaN, missing and
- * late samples are valid inputs.
+ * Portable C99: no heap, no globals, no recursion, only sqrt, fabs, fmin and fmax of libm, and
+ * every loop is bounded. All memory is in struct fsw_nmpc. All sizes of a model are checked. NaN,
+ * missing and late samples are valid inputs.
  *
  * Units: mm, degC, kN, rpm, kW, N m, s. Moves: v[2 b] is the force move (kN per interval) and
  * v[2 b + 1] the speed move (rpm per interval) of block b; within a block the input changes by the
