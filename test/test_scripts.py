@@ -122,6 +122,7 @@ def test_lines_are_counted_now_and_at_another_revision():
             4,
         ),
         ("x = (\n    1,  # one\n\n)\n", "Python", 3),
+        ('class C:\n    x: int = 1\n    """of a\n    field"""\n    y: str = "z"\n', "Python", 3),
         ('/* a\n b */ int x; // c\n\nchar *s = "/* no */";\n', "C", 2),
         ("// a\nlet url = `http://b`; /* c */\n/* d\n */\n", "JavaScript", 1),
     ],

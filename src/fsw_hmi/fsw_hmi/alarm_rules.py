@@ -333,8 +333,8 @@ class AlarmRules:
             if parts and all(part.level == "stale" for part in parts.values()):
                 if RECORDING in parts:
                     last = parts[RECORDING]
-                    failed = last.code == Note.FAILED
-                    why, action = (last.text, "mend") if failed else ("", "start")
+                    ended = last.code == Note.FAILED
+                    why, action = (last.text, "mend") if ended else ("", "start")
                     action = f"{action}_recorder"
                     alarms["recorder"] = alarm("recorder", last.code, why=why, action=action)
                 elif node not in told:
