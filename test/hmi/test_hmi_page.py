@@ -2,8 +2,11 @@
 
 import re
 import time
+from io import BytesIO
 
+import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import expect
 
 from fsw_test_support.browser import shot
@@ -582,6 +585,26 @@ def test_bands_and_levels_keep_their_colours_where_the_reader_chose_others(fake,
     assert page.evaluate("matchMedia('(forced-colors: active)').matches")
     assert page.evaluate(colours) == before
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") != "rgb(201, 205, 208)"
+
+
+#: texts on a panel, beside something that keeps its own colours
+BESIDE_COLOURS = ["#who strong", "#progress strong", ".scale .tick.highest", ".legend li"]
+
+
+def contrast(image):
+    """Ratio of the lightest to the darkest pixel of a picture, as WCAG 2 has it."""
+    colours = np.asarray(Image.open(BytesIO(image)).convert("RGB")) / 255.0
+    linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
+    luminance = linear @ [0.2126, 0.7152, 0.0722]
+    return (luminance.max() + 0.05) / (luminance.min() + 0.05)
+
+
+def test_texts_are_readable_in_forced_dark_colours(fake, open_page):
+    page = ready(open_page(fake.url, forced_colors="active", color_scheme="dark"))
+    contrasts = {
+        name: contrast(page.locator(name).first.screenshot()) for name in BESIDE_COLOURS
+    }
+    assert {name: ratio for name, ratio in contrasts.items() if ratio < 4.5} == {}
 
 
 def test_bag_is_scrubbed_played_zoomed_and_compared(bags, open_page, uplot):
