@@ -47,7 +47,7 @@ def test_value_beyond_its_limit_is_told_in_words_and_colour(fake, open_page):
 def test_value_far_off_its_set_point_is_not_normal_though_inside_its_limits(fake, open_page):
     page = ready(open_page(fake.url))
     fake.temperature_offset_c = 37.0
-    expect(page.locator("#value-temperature_c .flag")).to_have_text("▲ off its set-point, high")
+    expect(page.locator("#value-temperature_c .flag")).to_have_text("▲ off set-point, high")
     expect(page.locator("#verdict strong")).to_have_text("Temperature: off its set-point, high")
 
 

@@ -5,8 +5,9 @@ import time
 import pytest
 from playwright.sync_api import expect
 
+from fsw_hmi.limits import _WORDS
 from fsw_test_support.browser import shot
-from fsw_test_support.fake_hmi import PLACE, good_account, sample_alarms
+from fsw_test_support.fake_hmi import LIMITS, PLACE, good_account, sample_alarms
 from fsw_test_support.page_boxes import faults, places
 from fsw_test_support.page_steps import in_control, press, ready, settled, until
 from fsw_test_support.staged import STAGED, page_of
@@ -46,6 +47,34 @@ def test_everything_fits_the_screen_and_the_finger(fake, open_page, uplot, size)
     fake.stop()
     expect(page.locator("body")).to_have_attribute("data-link", "lost")
     assert settled(page, measured) == {}
+
+
+#: flags whose text leaves their tile, or lies over the gauge
+FLAGS_OUTSIDE = """[...document.querySelectorAll(".flag:not(:empty)")].flatMap((flag) => {
+    const text = document.createRange();
+    text.selectNodeContents(flag);
+    const [box, words, tile] = [flag, text, flag.closest(".tile")].map((part) => part.getBoundingClientRect());
+    const gauge = flag.closest(".tile").querySelector(".scale").getBoundingClientRect();
+    const [right, bottom] = [Math.max(box.right, words.right), Math.max(box.bottom, words.bottom)];
+    return right > tile.right - 4 || box.left < tile.left || bottom > gauge.top ? [`${flag.textContent}: ${right - tile.right} px, ${bottom - gauge.top} px`] : [];
+})"""
+
+
+@pytest.mark.parametrize("kind", ["essential", "trip", "deviation"])
+def test_flags_stay_in_their_tiles(fake, open_page, monkeypatch, kind):
+    level, words = _WORDS[kind]
+    flag = {"level": level, "kind": kind, "text": f"{words}, high"}
+    monkeypatch.setattr("fsw_test_support.fake_hmi.worst", lambda _: dict.fromkeys(LIMITS, flag))
+    fake.depth_offset_mm, fake.temperature_offset_c, fake.force_kn = 20.0, 300.0, 120.0
+    page = open_page(fake.url, *PANEL)
+    expect(page.locator("#value-depth_mm .plan")).to_contain_text("programme")
+    expect(page.locator(".flag", has_text="off scale")).to_have_count(3)
+    outside = {}
+    for width, height in (*TIGHT, (1180, 820), (768, 1024)):
+        page.set_viewport_size({"width": width, "height": height})
+        if faults_here := page.evaluate(FLAGS_OUTSIDE):
+            outside[width, height] = faults_here
+    assert outside == {}
 
 
 VISIBLE_ALARMS = """[...document.querySelectorAll(".alarm")].filter((one) => {
