@@ -279,6 +279,28 @@ def test_swap_shows_why_it_is_refused(fake, open_page):
     )
 
 
+def test_swap_offers_the_first_that_is_ready_and_not_one_that_is_certain_to_be_refused(
+    fake, open_page
+):
+    ready_one = fake.state["controllers"][1]
+    dead = ready_one | {"name": "dead", "ready": False, "healthy": False, "reason": "has left"}
+    warming = ready_one | {"name": "warming", "ready": False, "reason": "is not ready: 1 of 5"}
+    fake.state["controllers"] = [dead, *fake.state["controllers"], warming]
+    page = ready(open_page(fake.url))
+    in_control(page)
+    press(page, "Controller")
+    form, swap = page.locator("dialog"), page.get_by_role("button", name="Swap", exact=True)
+    expect(form.get_by_label("decentral")).to_be_checked()
+    expect(swap).to_be_enabled()
+    form.get_by_label("dead").check()
+    expect(swap).to_be_disabled()
+    expect(swap).to_have_attribute("title", re.compile("has left"))
+    form.get_by_label("warming").check()  # which may become ready within 2 s
+    expect(swap).to_be_enabled()
+    form.get_by_label("Wait until it is ready").select_option("0")
+    expect(swap).to_be_disabled()
+
+
 @pytest.mark.requirement("S19")
 @pytest.mark.parametrize("way", ["click", "keys"])
 def test_safe_stop_is_one_action_even_over_a_form(fake, open_page, way):

@@ -220,6 +220,8 @@ interface Form {
   title: string;
   fields?: { root: HTMLElement }[];
   summary?: () => string;
+  /** Why what is filled in is certain to be refused; empty where it is not. */
+  lack?: () => string;
   confirm: string;
   run: () => Promise<Answer | void>;
   /** Called when the form is gone, whatever became of it. */

@@ -219,15 +219,25 @@ export class Commands {
   switchController() {
     const { controllers, actual_controller: actual } = this.page.state;
     const remark = (/** @type {Health} */ one) => [one.name === actual ? "commands now" : one.ready ? "ready" : "not ready", one.reason].filter(Boolean).join(", ");
-    const choice = choiceField("Controller", controllers.map((one) => ({ value: one.name, text: one.name, remark: remark(one) })), controllers.find((one) => one.name !== actual)?.name);
+    const others = controllers.filter((one) => one.name !== actual);
+    const choice = choiceField("Controller", controllers.map((one) => ({ value: one.name, text: one.name, remark: remark(one) })), (others.find((one) => one.ready) ?? others[0])?.name);
     const wait = selectField("Wait until it is ready", SWITCH_WAITS_S.map((value) => ({ value, text: `at most ${value} s` })), "2");
     openForm({
       title: "Swap the controller",
       fields: [choice, wait],
       summary: () => `${actual || "nobody"} → ${choice.value}`,
+      lack: () => this.#neverReady(choice.value, Number(wait.value)),
       confirm: "Swap",
       run: () => this.ask(`Swap to ${choice.value}`, "switch", { controller: choice.value, wait_s: Number(wait.value) }),
     });
+  }
+
+  /** Why a swap to a controller is certain to be refused. @param {string} name @param {number} waitS */
+  #neverReady(name, waitS) {
+    const chosen = this.page.state.controllers.find((one) => one.name === name);
+    if (!chosen) return "Choose a controller.";
+    const comes = chosen.healthy && !chosen.inhibited && waitS > 0; // it may become ready meanwhile
+    return chosen.ready || comes ? "" : `Not ready: ${chosen.reason || name}.`;
   }
 
   changeMode() {

@@ -5,7 +5,7 @@ const PENDING = "… pending";
 /** @type {{dialog: HTMLElement, opener: HTMLElement?, closed?: () => void}?} */ let opened = null;
 
 /** Show a form; only one is open at a time. It closes when `run()` resolves to "done". @param {Form} form */
-export function openForm({ title, fields = [], summary = () => "", confirm, run, closed }) {
+export function openForm({ title, fields = [], summary = () => "", lack = () => "", confirm, run, closed }) {
   closeForm();
   const heading = el("h2", { id: "dialog-title" }, title);
   const told = el("p", { className: "summary", "aria-live": "polite" });
@@ -16,8 +16,9 @@ export function openForm({ title, fields = [], summary = () => "", confirm, run,
   const renew = () => {
     const text = summary();
     const wrong = [...form.querySelectorAll("input")].find(({ validity }) => validity.rangeOverflow || validity.rangeUnderflow);
-    send.disabled = Boolean(wrong) || answer.textContent === PENDING;
-    setText(told, wrong?.validationMessage ?? text);
+    send.title = wrong?.validationMessage ?? lack();
+    send.disabled = Boolean(send.title) || answer.textContent === PENDING;
+    setText(told, send.title || text);
   };
   form.addEventListener("input", renew);
   form.addEventListener("submit", async (event) => {
