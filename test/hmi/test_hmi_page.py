@@ -454,6 +454,24 @@ def test_what_the_supervisor_would_refuse_is_disabled_with_the_reason(
             expect(button).to_be_enabled()
 
 
+def test_weld_that_is_aborted_and_stopped_is_not_continued(fake, open_page):
+    fake.progress["state"] = "aborted"
+    fake.state.update(actual_mode="safe_stop", acknowledged=True)
+    page = open_page(fake.url)
+    in_control(page)
+    for name in ("Set-points", "Controller"):
+        button = page.get_by_role("button", name=name)
+        expect(button).to_be_disabled()
+        expect(button).to_have_attribute("title", "This weld cannot be continued.")
+    press(page, "Mode")
+    form, confirm = page.locator("dialog:not(.notice)"), page.locator("dialog button[type=submit]")
+    form.get_by_label(re.compile("^hold")).check()
+    expect(confirm).to_be_enabled()
+    form.get_by_label(re.compile("^auto")).check()
+    expect(confirm).to_be_disabled()
+    expect(form.locator(".summary")).to_have_text("This weld cannot be continued.")
+
+
 def test_local_time_is_beside_utc(fake, open_page):
     page = open_page(fake.url, timezone_id="Asia/Kolkata")
     shown = page.locator("#clock .detail").first

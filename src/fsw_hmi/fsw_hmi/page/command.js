@@ -63,8 +63,9 @@ export class Commands {
     const nobody = this.lack || (state.known ? "" : "No supervisor reports.");
     const [points, controller, mode] = this.acting;
     const runs = progress?.state === "running";
-    permit([points], nobody || (runs && !progress.left ? "The programme runs: hold the weld first." : ""));
-    permit([controller], nobody);
+    const end = this.#endReason();
+    permit([points], nobody || end || (runs && !progress.left ? "The programme runs: hold the weld first." : ""));
+    permit([controller], nobody || end);
     permit([mode], nobody || (stopped ? "Acknowledge the stop first." : ""));
     const held = progress?.state === "held";
     const none = this.lack || (runs || held ? "" : "No programme of a weld runs.");
@@ -76,6 +77,12 @@ export class Commands {
     this.stop.disabled = !live && !hello; // once connected, it waits for the connection
     const waits = performance.now() < this.#stopsUntil;
     if (this.stop.lastChild) setText(this.stop.lastChild, live ? "Ctrl + ." : `${waits ? "waits for the connection" : "not connected"}: stop at the machine`);
+  }
+
+  /** Why the weld cannot be continued; empty where it can. */
+  #endReason() {
+    const { progress, state } = this.page;
+    return progress?.state === "aborted" && state.actual_mode === "safe_stop" ? "This weld cannot be continued." : "";
   }
 
   /** Who has control, who asks for it, and what this page can do about it. */
@@ -257,6 +264,7 @@ export class Commands {
         for (const field of [force, speed]) field.use(mode.value === "manual");
         return `${words(state.actual_mode) || "unknown"} → ${words(mode.value)}${by()}`;
       },
+      lack: () => (mode.value === "auto" ? this.#endReason() : ""),
       confirm: "Change mode",
       run: () => {
         const byHand = mode.value === "manual" ? { force_kn: force.value, speed_rpm: speed.value } : {};
