@@ -14,6 +14,8 @@ from fsw_test_support.staged import STAGED, page_of
 
 #: phone, tablet upright and across, panel computer, control room
 PHONE, PANEL = (390, 844), (1280, 800)
+#: low and wide, where the page scrolls
+LOW = (1024, 600)
 SIZES = [PHONE, (768, 1024), (1024, 768), PANEL, (1920, 1080)]
 
 
@@ -256,7 +258,7 @@ OVERLAP = """(selectors) => {
 }"""
 
 
-@pytest.mark.parametrize("size", [PHONE, PANEL], ids="{0[0]}x{0[1]}".format)
+@pytest.mark.parametrize("size", [PHONE, LOW, PANEL], ids="{0[0]}x{0[1]}".format)
 def test_form_of_set_points_leaves_what_it_changes_in_view(fake, open_page, uplot, size):
     fake.progress["state"] = "held"  # only then set-points are by hand
     page = open_page(fake.url, *size)
@@ -269,8 +271,55 @@ def test_form_of_set_points_leaves_what_it_changes_in_view(fake, open_page, uplo
         shown += ["#value-depth_mm", "#value-temperature_c", ".legend", ".alarms"]
     assert settled(page, lambda: page.evaluate(OVERLAP, shown)) == []
     shot(page, "set_points_{}x{}".format(*size))
+    if size == LOW:
+        tile = "#value-depth_mm"
+        page.locator(tile).evaluate("(tile) => tile.scrollIntoView({ block: 'nearest' })")
+        assert settled(page, lambda: page.evaluate(OVERLAP, [tile])) == []
 
 
+def test_buttons_of_a_form_are_in_view_without_scrolling(fake, open_page):
+    fake.progress["state"] = "held"  # only then set-points are by hand
+    page = open_page(fake.url, *PANEL)
+    in_control(page)
+    hidden = set()
+    for name in ("Set-points", "Mode"):
+        press(page, name)
+        for width, height in TIGHT:
+            page.set_viewport_size({"width": width, "height": height})
+            page.locator("dialog").evaluate("(form) => form.scrollTo(0, 0)")
+            buttons = page.locator("dialog .buttons").evaluate(AT_THEIR_PLACES)
+            hidden |= {(name, width, height, text) for text in buttons}
+        press(page, "Cancel")
+    assert hidden == set()
+
+
+def test_page_is_not_wider_than_a_narrow_phone(fake, open_page, uplot):
+    fake.account = good_account(PLACE)
+    page = open_page(fake.url, 320, 568)
+    too_wide = "document.documentElement.scrollWidth - innerWidth"
+    page.locator(".exceedances button").click()
+    expect(page.get_by_role("button", name="Back to now")).to_be_visible()
+    assert page.evaluate(too_wide) == 0
+    press(page, "Back to now")
+    assert page.evaluate(too_wide) == 0
+
+
+def test_action_of_a_safe_stop_is_whole_in_the_headline(fake, open_page):
+    fake.alarms, _ = page_of(STAGED["safe stop by an interlock"])
+    for alarm in fake.alarms:
+        alarm["why"] = "hold for 10 s, because of too many swaps in 30 s"
+    fake.state.update(actual_mode="safe_stop", target_mode="safe_stop")
+    page = open_page(fake.url, *PANEL)
+    detail = page.locator("#verdict .detail")
+    expect(detail).to_contain_text("too many swaps in 30 s → Remove the cause")
+    assert detail.evaluate("(text) => text.scrollHeight <= text.clientHeight + 1")
+
+
+#: script: texts of buttons that something else covers, or that are out of view
+AT_THEIR_PLACES = """(buttons) => [...buttons.children].filter((button) => {
+    const { left, top, width, height } = button.getBoundingClientRect();
+    return !button.contains(document.elementFromPoint(left + width / 2, top + height - 2));
+}).map((button) => button.textContent)"""
 #: every size at which a form or notice once lay under the stop, and those where none did
 TIGHT = [(390, 844), (360, 640), (844, 390), (640, 400), (1024, 600), (1280, 800), (320, 568)]
 COVERED = """(() => {

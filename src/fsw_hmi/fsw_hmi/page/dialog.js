@@ -11,7 +11,7 @@ export function openForm({ title, fields = [], summary = () => "", lack = () => 
   const told = el("p", { className: "summary", "aria-live": "polite" });
   const answer = el("p", { className: "answer", role: "status" });
   const send = el("button", { type: "submit", className: "primary" }, confirm);
-  const form = el("form", {}, ...fields.map((field) => field.root), told, answer, el("p", { className: "buttons" }, send, el("button", { type: "button", onclick: closeForm }, "Cancel")));
+  const form = el("form", {}, el("div", { className: "fields" }, ...fields.map((field) => field.root), told, answer), el("p", { className: "buttons" }, send, el("button", { type: "button", onclick: closeForm }, "Cancel")));
   const dialog = el("dialog", { "aria-labelledby": heading.id }, heading, form);
   const renew = () => {
     const text = summary();
