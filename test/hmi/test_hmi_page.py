@@ -10,7 +10,7 @@ from PIL import Image
 from playwright.sync_api import expect
 
 from fsw_test_support.browser import shot
-from fsw_test_support.fake_hmi import PLACE, TOKEN, FakeHmi, good_account, sample_alarms
+from fsw_test_support.fake_hmi import LIMITS, PLACE, TOKEN, FakeHmi, good_account, sample_alarms
 from fsw_test_support.page_boxes import faults
 from fsw_test_support.page_steps import (
     DRAWN_AHEAD,
@@ -645,6 +645,23 @@ def test_texts_are_readable_in_forced_dark_colours(fake, open_page):
         name: contrast(page.locator(name).first.screenshot()) for name in BESIDE_COLOURS
     }
     assert {name: ratio for name, ratio in contrasts.items() if ratio < 4.5} == {}
+
+
+def test_bag_shows_its_first_tick_at_once_and_whose_the_map_is(bags, open_page):
+    for bag in bags.bags:
+        del bag["rows"][0]  # the first tick of a weld is at 0.1 s
+    page = open_page(bags.url)
+    expect(page.locator("#foot output")).to_have_text("0:00 / 4:00")
+    expect(page.locator("#value-depth_mm output")).to_have_text("2.74")
+    expect(page.locator("#map h2")).to_contain_text("weld_0")
+
+
+def test_limit_beyond_a_scale_has_no_label_over_that_of_its_end(bags, open_page, monkeypatch):
+    depth = LIMITS["depth_mm"] | {"trip": [1.4, 3.7]}  # the scale begins at 1.5
+    monkeypatch.setitem(LIMITS, "depth_mm", depth)
+    page = open_page(bags.url, 1280, 1400)
+    ticks = page.locator("#value-depth_mm .tick:not(.warn)")
+    expect(ticks).to_have_text(["3.7", "1.5", "4"])
 
 
 def test_bag_is_scrubbed_played_zoomed_and_compared(bags, open_page, uplot):

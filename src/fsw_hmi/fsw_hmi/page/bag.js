@@ -47,7 +47,7 @@ class BagPage {
     byId("side").append(this.#problems(), this.#events());
     this.bars = new Bars(byId("values"), limits);
     this.#plots();
-    const map = new WeldMap(byId("map"), this.first.columns, (timeS) => this.player?.seek(timeS));
+    const map = new WeldMap(byId("map"), this.first.columns, (timeS) => this.player?.seek(timeS), span, welds.length > 1 ? this.first.name : "");
     map.add(this.first.rows);
     map.judged(this.first.account.marks);
     map.draw();
@@ -109,7 +109,7 @@ class BagPage {
 
   #show(/** @type {number} */ timeS) {
     this.timeS = timeS;
-    const row = this.first.rows.findLast((one) => one[0] <= timeS + 1e-6) ?? [];
+    const row = this.first.rows.findLast((tick) => tick[0] <= timeS + 1e-6) ?? this.first.rows[0] ?? [];
     const values = Object.fromEntries(this.first.columns.map((name, i) => [name, row[i] ?? null]));
     this.bars?.update(values, /** @type {Flags} */ (row[this.first.columns.indexOf("flags")] ?? {}));
     setText(this.who, [values.controller, words(values.mode)].filter(Boolean).join(" · ") || NONE);

@@ -3,6 +3,9 @@ import { at, el, panel, setText } from "./dom.js";
 import { fixed, known, SIGN, signed } from "./format.js";
 import { normalRange, QUANTITIES } from "./quantities.js";
 
+/** Nearer to an end of the scale a limit has no label of its own: it would lie over that of the end. */
+const LABEL_SHARE = 0.08;
+
 /** A flag's text as a tile has room for it. */
 const brief = (/** @type {string} */ text) => text.replace("beyond its essential limit", "essential limit").replace("off its ", "off ");
 
@@ -87,7 +90,8 @@ class Bar {
     for (const [from, to, at] of [[this.low, low, low], [high, this.high, high]]) {
       if (!known(at)) continue;
       this.#stretch(this.#part(`band ${kind}`), from, to);
-      this.#label(at, kind);
+      const share = this.#share(at);
+      if (share > LABEL_SHARE && share < 1 - LABEL_SHARE) this.#label(at, kind);
     }
   }
 
