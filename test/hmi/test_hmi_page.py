@@ -627,6 +627,57 @@ def test_bands_and_levels_keep_their_colours_where_the_reader_chose_others(fake,
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") != "rgb(201, 205, 208)"
 
 
+def test_panning_by_keys_ends_with_the_data_and_readings_keep_the_time_of_the_cursor(
+    fake, open_page, uplot
+):
+    page = ready(open_page(fake.url))
+    until(page, "document.querySelectorAll('.plot canvas').length === 4")
+    press(page, "5 min")
+    box = page.locator(".plot .u-over").first.bounding_box()
+    middle = (box["x"] + 0.5 * box["width"], box["y"] + 30)
+    page.mouse.move(box["x"] + 50, box["y"] + 30)
+    page.mouse.down()
+    page.mouse.move(*middle)
+    page.mouse.up()
+    readings = page.locator(".trend .reading")
+    seen = []
+    for key, count in (("ArrowLeft", 0), ("ArrowLeft", 1), ("ArrowLeft", 40), ("ArrowRight", 80)):
+        for _ in range(count):
+            page.locator(".plot").first.press(key)
+        expect(readings).to_have_text([re.compile(r"^\d\d:\d\d:\d\d: \d")] * 4)
+        times = {text.split(": ")[0] for text in readings.all_inner_texts()}
+        assert len(times) == 1
+        seen += times
+    assert seen[2] < seen[1] < seen[0] < seen[3]
+
+
+#: script: keeps the texts that are drawn into each trend since it was last cleared
+LABELS = """(() => {
+    window.labels = {};
+    const { fillText, clearRect } = CanvasRenderingContext2D.prototype;
+    const trend = (context) => context.canvas.closest(".trend")?.className;
+    CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {
+        (window.labels[trend(this)] ??= new Set()).add(text);
+        fillText.call(this, text, ...rest);
+    };
+    CanvasRenderingContext2D.prototype.clearRect = function (...rest) {
+        window.labels[trend(this)] = new Set();
+        clearRect.call(this, ...rest);
+    };
+})()"""
+
+
+def test_vertical_axes_of_low_trends_have_two_labels(fake, open_page, uplot):
+    page = open_page(fake.url, 1280, 650)
+    page.add_init_script(LABELS)
+    page.reload()
+    until(page, "document.querySelectorAll('.plot canvas').length === 4")
+    numbers = "Object.values(window.labels).map((texts) => [...texts].filter((text) => /^[0-9.,]+$/.test(text)).length)"
+    for other in ("Torque, Power", "Force, Speed"):
+        until(page, f"{numbers}.length >= 4 && Math.min(...{numbers}) >= 2")
+        press(page, other)
+
+
 #: texts on a panel, beside something that keeps its own colours
 BESIDE_COLOURS = ["#who strong", "#progress strong", ".scale .tick.highest", ".legend li"]
 

@@ -269,6 +269,8 @@ interface Drawing {
   splits?(min: number, max: number): number[];
   incrs?: number[];
   zoom(range: [number, number]): void;
+  /** first and last time that there is */
+  ends(): [number, number];
   overlay(uplot: Plot, key: string): void;
 }
 /** A place on the way around the canister, and what was there. */

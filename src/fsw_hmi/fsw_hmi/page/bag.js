@@ -93,6 +93,7 @@ class BagPage {
       label: span,
       incrs: STEPS_S,
       zoom: (range) => this.#zoom(range),
+      ends: () => [0, this.durationS],
       overlay: (u) => {
         for (const event of this.first.events) drawTime(u, event.time_s, "#8d959a", [2, 3]);
         drawTime(u, this.timeS, "#000");
