@@ -692,9 +692,7 @@ def contrast(image):
 
 def test_texts_are_readable_in_forced_dark_colours(fake, open_page):
     page = ready(open_page(fake.url, forced_colors="active", color_scheme="dark"))
-    contrasts = {
-        name: contrast(page.locator(name).first.screenshot()) for name in BESIDE_COLOURS
-    }
+    contrasts = {name: contrast(page.locator(name).first.screenshot()) for name in BESIDE_COLOURS}
     assert {name: ratio for name, ratio in contrasts.items() if ratio < 4.5} == {}
 
 
