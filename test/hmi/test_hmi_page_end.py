@@ -54,6 +54,32 @@ def test_stopped_weld_cannot_be_continued_and_its_tool_still_turns(fake, page):
         expect(end).to_contain_text(f"Next: {ACTIONS[NEXT_OF_BAG['recording']]}.")
 
 
+def test_old_values_are_not_shown_as_the_present_of_a_stop(fake, page):
+    fake.force_kn = 65.0
+    fake.state.update(actual_mode="safe_stop", target_mode="safe_stop")
+    fake.progress["state"] = "aborted"
+    fake.push()
+    end, programme = page.locator(".end-screen"), page.locator("#progress strong")
+    expect(end).to_contain_text("rpm under 65 kN")
+    expect(programme).to_have_text("Stopped, tool turns")
+    fake.measuring = False
+    expect(programme).to_have_text("joint line (aborted)")
+    expect(end).not_to_contain_text("65 kN")
+
+
+def test_verdict_of_a_weld_is_not_that_of_the_next(fake, page):
+    fake.progress["state"] = "done"
+    fake.push()
+    end = page.locator(".end-screen")
+    expect(end).to_contain_text("accept")
+    fake.account = None  # another weld begins, of which nothing is measured yet
+    for state in ("running", "aborted"):
+        fake.progress["state"] = state
+        fake.push()
+    expect(end.locator("h2")).to_contain_text("aborted")
+    expect(end).to_contain_text("Not judged.")
+
+
 def test_end_of_a_weld_that_the_headline_does_not_know_yet_says_nothing_of_what_is_next(
     fake, page, monkeypatch
 ):

@@ -8,14 +8,17 @@ import time
 import pytest
 from playwright.sync_api import expect
 
+from fsw_hmi.limits import _WORDS
 from fsw_test_support.browser import shot
-from fsw_test_support.fake_hmi import PLACE, good_account, sample_alarms
+from fsw_test_support.fake_hmi import LIMITS, PLACE, good_account, sample_alarms
 from fsw_test_support.page_boxes import faults, places
 from fsw_test_support.page_steps import in_control, press, ready, settled, until
 from fsw_test_support.staged import STAGED, page_of
 
 #: phone, tablet upright and across, panel computer, control room
 PHONE, PANEL = (390, 844), (1280, 800)
+#: low and wide, where the page scrolls
+LOW = (1024, 600)
 SIZES = [PHONE, (768, 1024), (1024, 768), PANEL, (1920, 1080)]
 
 
@@ -50,6 +53,34 @@ def test_everything_fits_the_screen_and_the_finger(fake, open_page, uplot, size)
     fake.stop()
     expect(page.locator("body")).to_have_attribute("data-link", "lost")
     assert settled(page, measured) == {}
+
+
+#: flags whose text leaves their tile, or lies over the gauge
+FLAGS_OUTSIDE = """[...document.querySelectorAll(".flag:not(:empty)")].flatMap((flag) => {
+    const text = document.createRange();
+    text.selectNodeContents(flag);
+    const [box, words, tile] = [flag, text, flag.closest(".tile")].map((part) => part.getBoundingClientRect());
+    const gauge = flag.closest(".tile").querySelector(".scale").getBoundingClientRect();
+    const [right, bottom] = [Math.max(box.right, words.right), Math.max(box.bottom, words.bottom)];
+    return right > tile.right - 4 || box.left < tile.left || bottom > gauge.top ? [`${flag.textContent}: ${right - tile.right} px, ${bottom - gauge.top} px`] : [];
+})"""
+
+
+@pytest.mark.parametrize("kind", ["essential", "trip", "deviation"])
+def test_flags_stay_in_their_tiles(fake, open_page, monkeypatch, kind):
+    level, words = _WORDS[kind]
+    flag = {"level": level, "kind": kind, "text": f"{words}, high"}
+    monkeypatch.setattr("fsw_test_support.fake_hmi.worst", lambda _: dict.fromkeys(LIMITS, flag))
+    fake.depth_offset_mm, fake.temperature_offset_c, fake.force_kn = 20.0, 300.0, 120.0
+    page = open_page(fake.url, *PANEL)
+    expect(page.locator("#value-depth_mm .plan")).to_contain_text("programme")
+    expect(page.locator(".flag", has_text="off scale")).to_have_count(3)
+    outside = {}
+    for width, height in (*TIGHT, (1180, 820), (768, 1024)):
+        page.set_viewport_size({"width": width, "height": height})
+        if faults_here := page.evaluate(FLAGS_OUTSIDE):
+            outside[width, height] = faults_here
+    assert outside == {}
 
 
 VISIBLE_ALARMS = """[...document.querySelectorAll(".alarm")].filter((one) => {
@@ -232,7 +263,7 @@ OVERLAP = """(selectors) => {
 }"""
 
 
-@pytest.mark.parametrize("size", [PHONE, PANEL], ids="{0[0]}x{0[1]}".format)
+@pytest.mark.parametrize("size", [PHONE, LOW, PANEL], ids="{0[0]}x{0[1]}".format)
 def test_form_of_set_points_leaves_what_it_changes_in_view(fake, open_page, uplot, size):
     fake.progress["state"] = "held"  # only then set-points are by hand
     page = open_page(fake.url, *size)
@@ -245,8 +276,55 @@ def test_form_of_set_points_leaves_what_it_changes_in_view(fake, open_page, uplo
         shown += ["#value-depth_mm", "#value-temperature_c", ".legend", ".alarms"]
     assert settled(page, lambda: page.evaluate(OVERLAP, shown)) == []
     shot(page, "set_points_{}x{}".format(*size))
+    if size == LOW:
+        tile = "#value-depth_mm"
+        page.locator(tile).evaluate("(tile) => tile.scrollIntoView({ block: 'nearest' })")
+        assert settled(page, lambda: page.evaluate(OVERLAP, [tile])) == []
 
 
+def test_buttons_of_a_form_are_in_view_without_scrolling(fake, open_page):
+    fake.progress["state"] = "held"  # only then set-points are by hand
+    page = open_page(fake.url, *PANEL)
+    in_control(page)
+    hidden = set()
+    for name in ("Set-points", "Mode"):
+        press(page, name)
+        for width, height in TIGHT:
+            page.set_viewport_size({"width": width, "height": height})
+            page.locator("dialog").evaluate("(form) => form.scrollTo(0, 0)")
+            buttons = page.locator("dialog .buttons").evaluate(AT_THEIR_PLACES)
+            hidden |= {(name, width, height, text) for text in buttons}
+        press(page, "Cancel")
+    assert hidden == set()
+
+
+def test_page_is_not_wider_than_a_narrow_phone(fake, open_page, uplot):
+    fake.account = good_account(PLACE)
+    page = open_page(fake.url, 320, 568)
+    too_wide = "document.documentElement.scrollWidth - innerWidth"
+    page.locator(".exceedances button").click()
+    expect(page.get_by_role("button", name="Back to now")).to_be_visible()
+    assert page.evaluate(too_wide) == 0
+    press(page, "Back to now")
+    assert page.evaluate(too_wide) == 0
+
+
+def test_action_of_a_safe_stop_is_whole_in_the_headline(fake, open_page):
+    fake.alarms, _ = page_of(STAGED["safe stop by an interlock"])
+    for alarm in fake.alarms:
+        alarm["why"] = "hold for 10 s, because of too many swaps in 30 s"
+    fake.state.update(actual_mode="safe_stop", target_mode="safe_stop")
+    page = open_page(fake.url, *PANEL)
+    detail = page.locator("#verdict .detail")
+    expect(detail).to_contain_text("too many swaps in 30 s → Remove the cause")
+    assert detail.evaluate("(text) => text.scrollHeight <= text.clientHeight + 1")
+
+
+#: script: texts of buttons that something else covers, or that are out of view
+AT_THEIR_PLACES = """(buttons) => [...buttons.children].filter((button) => {
+    const { left, top, width, height } = button.getBoundingClientRect();
+    return !button.contains(document.elementFromPoint(left + width / 2, top + height - 2));
+}).map((button) => button.textContent)"""
 #: every size at which a form or notice once lay under the stop, and those where none did
 TIGHT = [(390, 844), (360, 640), (844, 390), (640, 400), (1024, 600), (1280, 800), (320, 568)]
 COVERED = """(() => {

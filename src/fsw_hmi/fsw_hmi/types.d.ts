@@ -220,6 +220,8 @@ interface Form {
   title: string;
   fields?: { root: HTMLElement }[];
   summary?: () => string;
+  /** Why what is filled in is certain to be refused; empty where it is not. */
+  lack?: () => string;
   confirm: string;
   run: () => Promise<Answer | void>;
   /** Called when the form is gone, whatever became of it. */
@@ -267,6 +269,8 @@ interface Drawing {
   splits?(min: number, max: number): number[];
   incrs?: number[];
   zoom(range: [number, number]): void;
+  /** first and last time that there is */
+  ends(): [number, number];
   overlay(uplot: Plot, key: string): void;
 }
 /** A place on the way around the canister, and what was there. */

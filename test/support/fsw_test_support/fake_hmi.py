@@ -122,7 +122,7 @@ class FakeHmi:
         self.force_kn: float | None = None  #: instead of the synthetic weld's
         self.local_stop = False
         self.alarms: list[dict[str, Any]] = []
-        self.account = good_account()
+        self.account: dict[str, Any] | None = good_account()
         self.attainable: dict[str, float] | None = (
             None  #: what stands in for set-points out of reach
         )
@@ -224,7 +224,7 @@ class FakeHmi:
         frames = [
             {"t": "state", **self.state},
             alarms,
-            {"t": "account", **self.account},
+            *([{"t": "account", **self.account}] if self.account else []),
             control,
             self._headline(),
         ]

@@ -47,7 +47,7 @@ class BagPage {
     byId("side").append(this.#problems(), this.#events());
     this.bars = new Bars(byId("values"), limits);
     this.#plots();
-    const map = new WeldMap(byId("map"), this.first.columns, (timeS) => this.player?.seek(timeS));
+    const map = new WeldMap(byId("map"), this.first.columns, (timeS) => this.player?.seek(timeS), span, welds.length > 1 ? this.first.name : "");
     map.add(this.first.rows);
     map.judged(this.first.account.marks);
     map.draw();
@@ -93,6 +93,7 @@ class BagPage {
       label: span,
       incrs: STEPS_S,
       zoom: (range) => this.#zoom(range),
+      ends: () => [0, this.durationS],
       overlay: (u) => {
         for (const event of this.first.events) drawTime(u, event.time_s, "#8d959a", [2, 3]);
         drawTime(u, this.timeS, "#000");
@@ -109,7 +110,7 @@ class BagPage {
 
   #show(/** @type {number} */ timeS) {
     this.timeS = timeS;
-    const row = this.first.rows.findLast((sample) => sample[0] <= timeS + 1e-6) ?? [];
+    const row = this.first.rows.findLast((sample) => sample[0] <= timeS + 1e-6) ?? this.first.rows[0] ?? [];
     const values = Object.fromEntries(this.first.columns.map((name, i) => [name, row[i] ?? null]));
     this.bars?.update(values, /** @type {Flags} */ (row[this.first.columns.indexOf("flags")] ?? {}));
     setText(this.who, [values.controller, words(values.mode)].filter(Boolean).join(" · ") || NONE);

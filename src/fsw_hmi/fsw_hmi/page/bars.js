@@ -3,6 +3,12 @@ import { at, el, panel, setText } from "./dom.js";
 import { fixed, known, SIGN, signed } from "./format.js";
 import { normalRange, QUANTITIES } from "./quantities.js";
 
+/** Nearer to an end of the scale a limit has no label of its own: it would lie over that of the end. */
+const LABEL_SHARE = 0.08;
+
+/** A flag's text as a tile has room for it. */
+const brief = (/** @type {string} */ text) => text.replace("beyond its essential limit", "essential limit").replace("off its ", "off ");
+
 class Bar {
   constructor(/** @type {Spec} */ spec, /** @type {Limits} */ limits) {
     this.spec = spec;
@@ -41,15 +47,18 @@ class Bar {
     const difference = spec.big && known(value) && known(aim) ? ` (${signed(value - aim, Math.abs(value - aim) < 99.5 ? spec.digits : 0)})` : "";
     setText(this.aim, spec.aim ? `${spec.aimName} ${fixed(aim, spec.digits)}${difference}` : "");
     const differs = known(plan) && !(Math.abs(plan - (aim ?? NaN)) <= (spec.rampPerS ?? 0)); // in a ramp the two are told up to a second apart
-    const sign = differs ? "≠" : fixed(plan, spec.digits) === fixed(aim, spec.digits) ? "=" : "≈";
-    setText(this.plan, known(plan) ? `${sign} programme ${fixed(plan, spec.digits)}` : "");
+    const relation = differs ? "≠" : fixed(plan, spec.digits) === fixed(aim, spec.digits) ? "=" : "≈";
+    setText(this.plan, known(plan) ? `${relation} programme ${fixed(plan, spec.digits)}` : "");
     this.plan.classList.toggle("differs", differs);
     const replaced = goal !== null && known(aim) && fixed(goal, spec.digits) !== fixed(aim, spec.digits);
     const explanation = replaced && (!wrong || wrong.kind === "error") ? `attainable ${fixed(goal, spec.digits)}` : wrong?.text; // why it is off
     this.tile.dataset.level = wrong?.level ?? (replaced ? "low" : "");
     const off = known(value) && (value < this.low || value > this.high);
     this.pointer.classList.toggle("off", off);
-    setText(this.flag, [explanation ? `${SIGN[wrong?.level ?? "low"]} ${explanation}` : "", off ? "off scale" : ""].filter(Boolean).join(" · "));
+    const sign = explanation ? `${SIGN[wrong?.level ?? "low"]} ` : "";
+    const offScale = off && !spec.big ? `off scale, ${value < this.low ? "low" : "high"}` : ""; // a small tile has room for this only
+    setText(this.flag, sign + (offScale || [explanation && brief(explanation), off && "off scale"].filter(Boolean).join(" · ")));
+    this.flag.title = explanation ?? "";
     this.#point(this.planned, differs ? plan : null);
     this.#point(this.goal, replaced ? goal : null);
     this.#point(this.pointer, value);
@@ -81,7 +90,8 @@ class Bar {
     for (const [from, to, at] of [[this.low, low, low], [high, this.high, high]]) {
       if (!known(at)) continue;
       this.#stretch(this.#part(`band ${kind}`), from, to);
-      this.#label(at, kind);
+      const share = this.#share(at);
+      if (share > LABEL_SHARE && share < 1 - LABEL_SHARE) this.#label(at, kind);
     }
   }
 

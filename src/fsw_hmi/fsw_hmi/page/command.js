@@ -63,8 +63,9 @@ export class Commands {
     const nobody = this.lack || (state.known ? "" : "No supervisor reports.");
     const [points, controller, mode] = this.acting;
     const runs = progress?.state === "running";
-    permit([points], nobody || (runs && !progress.left ? "The programme runs: hold the weld first." : ""));
-    permit([controller], nobody);
+    const end = this.#endReason();
+    permit([points], nobody || end || (runs && !progress.left ? "The programme runs: hold the weld first." : ""));
+    permit([controller], nobody || end);
     permit([mode], nobody || (stopped ? "Acknowledge the stop first." : ""));
     const held = progress?.state === "held";
     const none = this.lack || (runs || held ? "" : "No programme of a weld runs.");
@@ -76,6 +77,12 @@ export class Commands {
     this.stop.disabled = !live && !hello; // once connected, it waits for the connection
     const waits = performance.now() < this.#stopsUntil;
     if (this.stop.lastChild) setText(this.stop.lastChild, live ? "Ctrl + ." : `${waits ? "waits for the connection" : "not connected"}: stop at the machine`);
+  }
+
+  /** Why the weld cannot be continued; empty where it can. */
+  #endReason() {
+    const { progress, state } = this.page;
+    return progress?.state === "aborted" && state.actual_mode === "safe_stop" ? "This weld cannot be continued." : "";
   }
 
   /** Who has control, who asks for it, and what this page can do about it. */
@@ -219,15 +226,25 @@ export class Commands {
   switchController() {
     const { controllers, actual_controller: actual } = this.page.state;
     const remark = (/** @type {Health} */ controller) => [controller.name === actual ? "commands now" : controller.ready ? "ready" : "not ready", controller.reason].filter(Boolean).join(", ");
-    const choice = choiceField("Controller", controllers.map((controller) => ({ value: controller.name, text: controller.name, remark: remark(controller) })), controllers.find((controller) => controller.name !== actual)?.name);
+    const others = controllers.filter((controller) => controller.name !== actual);
+    const choice = choiceField("Controller", controllers.map((controller) => ({ value: controller.name, text: controller.name, remark: remark(controller) })), (others.find((controller) => controller.ready) ?? others[0])?.name);
     const wait = selectField("Wait until it is ready", SWITCH_WAITS_S.map((value) => ({ value, text: `at most ${value} s` })), "2");
     openForm({
       title: "Swap the controller",
       fields: [choice, wait],
       summary: () => `${actual || "nobody"} → ${choice.value}`,
+      lack: () => this.#neverReady(choice.value, Number(wait.value)),
       confirm: "Swap",
       run: () => this.ask(`Swap to ${choice.value}`, "switch", { controller: choice.value, wait_s: Number(wait.value) }),
     });
+  }
+
+  /** Why a swap to a controller is certain to be refused. @param {string} name @param {number} waitS */
+  #neverReady(name, waitS) {
+    const chosen = this.page.state.controllers.find((controller) => controller.name === name);
+    if (!chosen) return "Choose a controller.";
+    const comes = chosen.healthy && !chosen.inhibited && waitS > 0; // it may become ready meanwhile
+    return chosen.ready || comes ? "" : `Not ready: ${chosen.reason || name}.`;
   }
 
   changeMode() {
@@ -247,6 +264,7 @@ export class Commands {
         for (const field of [force, speed]) field.use(mode.value === "manual");
         return `${words(state.actual_mode) || "unknown"} → ${words(mode.value)}${by()}`;
       },
+      lack: () => (mode.value === "auto" ? this.#endReason() : ""),
       confirm: "Change mode",
       run: () => {
         const byHand = mode.value === "manual" ? { force_kn: force.value, speed_rpm: speed.value } : {};

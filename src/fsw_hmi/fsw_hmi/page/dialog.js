@@ -5,19 +5,20 @@ const PENDING = "… pending";
 /** @type {{dialog: HTMLElement, opener: HTMLElement?, closed?: () => void}?} */ let opened = null;
 
 /** Show a form; only one is open at a time. It closes when `run()` resolves to "done". @param {Form} form */
-export function openForm({ title, fields = [], summary = () => "", confirm, run, closed }) {
+export function openForm({ title, fields = [], summary = () => "", lack = () => "", confirm, run, closed }) {
   closeForm();
   const heading = el("h2", { id: "dialog-title" }, title);
   const consequences = el("p", { className: "summary", "aria-live": "polite" });
   const answer = el("p", { className: "answer", role: "status" });
   const send = el("button", { type: "submit", className: "primary" }, confirm);
-  const form = el("form", {}, ...fields.map((field) => field.root), consequences, answer, el("p", { className: "buttons" }, send, el("button", { type: "button", onclick: closeForm }, "Cancel")));
+  const form = el("form", {}, el("div", { className: "fields" }, ...fields.map((field) => field.root), consequences, answer), el("p", { className: "buttons" }, send, el("button", { type: "button", onclick: closeForm }, "Cancel")));
   const dialog = el("dialog", { "aria-labelledby": heading.id }, heading, form);
   const renew = () => {
     const text = summary();
     const wrong = [...form.querySelectorAll("input")].find(({ validity }) => validity.rangeOverflow || validity.rangeUnderflow);
-    send.disabled = Boolean(wrong) || answer.textContent === PENDING;
-    setText(consequences, wrong?.validationMessage ?? text);
+    send.title = wrong?.validationMessage ?? lack();
+    send.disabled = Boolean(send.title) || answer.textContent === PENDING;
+    setText(consequences, send.title || text);
   };
   form.addEventListener("input", renew);
   form.addEventListener("submit", async (event) => {

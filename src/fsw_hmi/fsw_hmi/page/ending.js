@@ -28,12 +28,12 @@ export function recordingWords(report, toServerS) {
 }
 
 /** What is said at the end of a weld; null before. @param {import("./live.js").LivePage} page */
-export function ending({ progress, account, recording, values, trends, headline }) {
+export function ending({ progress, account, recording, values, trends, headline, isOld }) {
   if (!progress || !isOver(progress)) return null;
   const done = progress.state === "done";
   const bag = recordingWords(recording, trends?.toServerS ?? NaN).long || `${SIGN.medium} ${RECORDING.none[1]}`;
   const verdict = account ? `Verdict of the rules so far: ${VERDICT[account.verdict]} (${account.text}${account.detail ? `; ${account.detail}` : ""}).` : "Not judged.";
-  const moves = known(values.force_kn) && known(values.speed_rpm) ? ` The tool still turns at ${fixed(values.speed_rpm, 0)} rpm under ${fixed(values.force_kn, 0)} kN.` : "";
+  const moves = !isOld && known(values.force_kn) && known(values.speed_rpm) ? ` The tool still turns at ${fixed(values.speed_rpm, 0)} rpm under ${fixed(values.force_kn, 0)} kN.` : "";
   return {
     title: done ? "Weld done" : "Weld aborted: it cannot be continued",
     lines: [verdict, `Recording: ${bag}.`, ...(done ? [] : [moves.trim()].filter(Boolean)), ...(headline.after ? [`Next: ${headline.after}.`] : [])],

@@ -7,7 +7,7 @@ import { Connection } from "./connection.js";
 import { Controllers } from "./controllers.js";
 import { endScreen, openForm } from "./dialog.js";
 import { byId, meta } from "./dom.js";
-import { ending, recordingWords } from "./ending.js";
+import { ending, isOver, recordingWords } from "./ending.js";
 import { LiveTrends } from "./live_trends.js";
 import { Status } from "./status.js";
 import { Store } from "./store.js";
@@ -56,13 +56,20 @@ export class LivePage {
       this.store?.prepend(frame.rows);
       this.map?.add(frame.rows);
     } else {
+      if (frame.t === "progress" && isOver(this.progress) && !isOver(frame)) this.account = null; // of the weld before
       if (frame.t === "beat") this.tickAgeS = frame.tick_age_s;
       else Object.assign(this, { [frame.t]: frame });
+      if (this.isOld) this.stop = null;
       if (frame.t === "account") this.map?.judged(frame.marks);
       if (frame.t === "heat" || frame.t === "state") this.map?.known(this.heat, this.state.known_heat_share);
       this.#show();
     }
     if (["state", "history", "account", "heat"].includes(frame.t)) this.map?.draw();
+  }
+
+  /** Whether the values are not of the present. */
+  get isOld() {
+    return this.tickAgeS === null || this.tickAgeS > TICK_AGE_S;
   }
 
   #show() {
@@ -83,6 +90,7 @@ export class LivePage {
     this.hello = hello;
     this.values = {};
     this.stop = null;
+    this.account = null;
     if (isNew) this.control = NOBODY;
     this.store = new Store(hello.columns);
     this.bars = new Bars(byId("values"), hello.limits);
@@ -116,7 +124,7 @@ export class LivePage {
     if (!this.connection.live || !this.hello) return;
     this.status.judge(this.headline);
     this.controllers.time(this.values);
-    document.body.classList.toggle("old", this.tickAgeS === null || this.tickAgeS > TICK_AGE_S);
+    document.body.classList.toggle("old", this.isOld);
   }
 
   linked(/** @type {Link} */ link) {

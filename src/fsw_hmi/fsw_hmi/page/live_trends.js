@@ -41,6 +41,7 @@ export class LiveTrends {
       splits: (min, max) => this.#splits(min, max),
       overlay: (u, key) => this.#overlay(u, key),
       zoom: (range) => this.#show(range),
+      ends: () => [store.columns[0][0] ?? NaN, store.newest],
     });
     root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Trends" }, ...this.buttons, this.trends.other, this.back, legend), this.plots);
     this.#choose(this.#window);

@@ -1,6 +1,6 @@
 // Trends by uPlot, one below the other on one time axis.
-import { el } from "./dom.js";
-import { fixed } from "./format.js";
+import { el, setText } from "./dom.js";
+import { fixed, known } from "./format.js";
 import { normalRange, PAIRS, quantity, shown, TRENDS } from "./quantities.js";
 
 const INK = "#1c1f22";
@@ -97,13 +97,16 @@ export class Trends {
     this.other.textContent = other.map((key) => quantity(key).name).join(", ");
   }
 
-  /** Arrows move the time axis by a quarter of its length. @param {KeyboardEvent} event */
+  /** Arrows move the time axis by a quarter of its length, to the ends of the data. @param {KeyboardEvent} event */
   #pan(event) {
     const share = { ArrowLeft: -0.25, ArrowRight: 0.25 }[event.key];
     if (share === undefined || !this.#drawn) return;
     event.preventDefault();
     const [, from, to] = this.#drawn;
-    this.options.zoom([from + share * (to - from), to + share * (to - from)]);
+    const [first, last] = this.options.ends();
+    const shift = share * (to - from);
+    const moved = share < 0 ? Math.max(shift, Math.min(0, first - from)) : Math.min(shift, Math.max(0, last - to));
+    if (moved) this.options.zoom([from + moved, to + moved]);
   }
 
   #chart(/** @type {HTMLElement} */ root, /** @type {string} */ key) {
@@ -131,22 +134,26 @@ export class Trends {
       scales: { x: { time: false, auto: false }, y: { auto: true, range: (_, low, high) => verticalScale(chart, low, high) } },
       axes: [
         { ...axis, size: isLast ? 26 : 0, values: (_, at) => at.map((time) => (isLast ? label(time) : "")), ...(splits ? { splits: (_u, _i, min, max) => splits(min, max) } : { incrs }) },
-        { ...axis, size: 48, space: 20 },
+        { ...axis, size: 48, space: 20, splits: (_u, _i, low, high, step) => verticalSplits(low, high, step) },
       ],
       // distant limits would flatten what is measured
       series: [{}, ...lines.map((line) => ({ ...line, auto: !line.key.includes(":"), points: { show: false }, gaps: addGaps }))],
       hooks: {
-        draw: [(u) => overlay(u, chart.key)],
+        draw: [(u) => overlay(u, chart.key), (u) => this.#read(chart, u)],
         setCursor: [(u) => this.#read(chart, u)],
         setSelect: [(u) => select(u, zoom)],
       },
     };
   }
 
-  #read(/** @type {Omit<Chart, "uplot">} */ chart, /** @type {Plot} */ u) {
-    const index = u.cursor.idx;
-    const at = index === null || index === undefined ? null : u.data[chart.keys.length][index];
-    chart.reading.textContent = at === null ? "" : `${this.options.label(u.data[0][index ?? 0])}: ${fixed(at, chart.spec.digits)}`;
+  /** The value under the cursor, also where the curve has moved below it. @param {Omit<Chart, "uplot">} chart @param {Plot} u */
+  #read(chart, u) {
+    const left = u.cursor.left ?? -1;
+    const index = left < 0 ? -1 : u.posToIdx(left);
+    const timeS = u.data[0][index];
+    const value = u.data[chart.keys.length][index];
+    const isThere = known(value) && Math.abs(timeS - u.posToVal(left, "x")) < GAP_S;
+    setText(chart.reading, isThere ? `${this.options.label(timeS)}: ${fixed(value, chart.spec.digits)}` : "");
   }
 }
 
@@ -168,6 +175,12 @@ function verticalScale({ spec: { step, span }, extra }, low, high) {
   if (!(least <= most)) return [0, span];
   const margin = Math.max(0, span - (most - least)) / 2 + 0.04 * Math.max(span, most - least);
   return [Math.floor((least - margin) / step) * step, Math.ceil((most + margin) / step) * step];
+}
+
+/** Where a vertical axis is labelled: at multiples of the step, or at its ends where there is only one. @param {number} low @param {number} high @param {number} step */
+function verticalSplits(low, high, step) {
+  const [first, last] = [Math.ceil(low / step - 1e-9), Math.floor(high / step + 1e-9)];
+  return last > first ? Array.from({ length: last - first + 1 }, (_, i) => (first + i) * step) : [low, high];
 }
 
 /** Gaps where ticks are missing, beside those of missing values. @param {Plot} u @param {number} _ @param {number} first @param {number} last @param {[number, number][]} gaps */

@@ -20,8 +20,8 @@ export class WeldMap {
   #drawn = "";
   #known = "";
 
-  /** `onMoment` is called with the moment of a mark that is chosen, which `momentText` puts into words. @param {HTMLElement} root @param {string[]} names @param {(timeS: number) => void} onMoment @param {(timeS: number) => string} momentText */
-  constructor(root, names, onMoment, momentText = span) {
+  /** `onMoment` is called with the moment of a mark that is chosen, which `momentText` puts into words. @param {HTMLElement} root @param {string[]} names @param {(timeS: number) => void} onMoment @param {(timeS: number) => string} momentText @param {string} weld whose name is shown, where there are several */
+  constructor(root, names, onMoment, momentText = span, weld = "") {
     this.onMoment = onMoment;
     this.momentText = momentText;
     this.angle = names.indexOf("angle_deg");
@@ -33,7 +33,7 @@ export class WeldMap {
     this.marks = el("div", { className: "exceedances" });
     this.unplaced = el("div", { className: "unplaced" });
     const axis = [0, 90, 180, 270, 360, 400].map((deg) => at(el("span", { className: "tick" }, `${deg}°`), deg / WAY_DEG));
-    root.replaceChildren(el("h2", {}, "Weld, unrolled ", this.detail), el("div", { className: "way" }, this.picture, this.marks), el("div", { className: "axis" }, ...axis), this.unplaced);
+    root.replaceChildren(el("h2", {}, `${weld || "Weld"}, unrolled `, this.detail), el("div", { className: "way" }, this.picture, this.marks), el("div", { className: "axis" }, ...axis), this.unplaced);
     this.resizer = new ResizeObserver(() => this.draw());
     this.resizer.observe(root);
   }
