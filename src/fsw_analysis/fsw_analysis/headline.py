@@ -27,8 +27,11 @@ def page_account(account: Account, offset_s: float = 0.0, recorded: bool = True)
     """
     rule = account.deciding
     place, gaps = account.course.place, account.course.gaps
+    worst = next(rule.verdict for rule in account.rules if rule.name == "recording")
     marks = [
-        gap_mark(begin_s + offset_s, lasts_s, place(begin_s, lasts_s), recorded)
+        gap_mark(begin_s + offset_s, lasts_s, place(begin_s, lasts_s), _LEVELS[worst])
+        if recorded
+        else _mark("medium", _UNSEEN, begin_s + offset_s, lasts_s, place(begin_s, lasts_s))
         for begin_s, lasts_s in gaps
     ]
     for run in account.unusable:
@@ -38,7 +41,8 @@ def page_account(account: Account, offset_s: float = 0.0, recorded: bool = True)
     for over in account.exceedances:
         state = "missing" if over.missing == over.samples else "outside"
         text = f"{VARIABLES[over.limit.variable]} {state}: {over.limit.words}"
-        level: Level = "high" if over.limit.kind == "essential" else "medium"
+        is_worst = over.limit.kind == "essential" and state == "outside"
+        level: Level = "high" if is_worst else "medium"
         at_s = over.begin_s + offset_s
         marks.append(_mark(level, text, at_s, over.duration_s, over.angle_deg))
     return {
@@ -65,11 +69,10 @@ def _detail(rule: Rule) -> str:
 
 
 def gap_mark(
-    begin_s: float, lasts_s: float, place: tuple[float, float] | None, recorded: bool = True
+    begin_s: float, lasts_s: float, place: tuple[float, float] | None, level: Level
 ) -> dict[str, Any]:
-    """The mark of a time that is not on record, or that this page has not seen, in its time."""
-    level: Level = "high" if recorded else "medium"
-    return _mark(level, "not on record" if recorded else _UNSEEN, begin_s, lasts_s, place)
+    """The mark of a time that is not on record, at a time of the page."""
+    return _mark(level, "not on record", begin_s, lasts_s, place)
 
 
 def _mark(
