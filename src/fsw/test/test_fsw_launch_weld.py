@@ -118,6 +118,8 @@ def test_bag_of_the_recorder(tmp_path):
     for options in (
         WeldOptions(record=True, bag_dir=str(tmp_path)),
         WeldOptions(controllers=" ,"),
+        WeldOptions(params_file=str(tmp_path / "none.yaml")),
+        WeldOptions(machine=str(tmp_path / "none.yaml")),
     ):
         with pytest.raises(InputError):
             options.graph(tmp_path)

@@ -17,7 +17,9 @@ _LEVELS: dict[Verdict, Level] = {
 }
 
 
-_UNSEEN = "part of it not seen by this page"
+_UNSEEN = "this page has not seen a part of the weld"
+#: rules of which the finding says all
+_OF_ITSELF = ("complete", "recording", "hold", "swaps", "mode", "interlocks")
 
 
 def page_account(account: Account, offset_s: float = 0.0, recorded: bool = True) -> dict[str, Any]:
@@ -45,14 +47,17 @@ def page_account(account: Account, offset_s: float = 0.0, recorded: bool = True)
         level: Level = "high" if is_worst else "medium"
         at_s = over.begin_s + offset_s
         marks.append(_mark(level, text, at_s, over.duration_s, over.angle_deg))
-    return {
+    shown = {
         "verdict": str(rule.verdict),
         "level": _LEVELS[rule.verdict],
         "rule": rule.name,
         "text": rule.title,
-        "detail": _detail(rule) + ("" if recorded or not gaps else f"; {_UNSEEN}"),
+        "detail": _detail(rule),
         "marks": marks,
     }
+    if gaps and not recorded and rule.verdict is Verdict.ACCEPT:  # who has not seen, cannot judge
+        shown |= {"level": "medium", "text": "Not seen throughout", "detail": _UNSEEN}
+    return shown
 
 
 def _detail(rule: Rule) -> str:
@@ -60,7 +65,7 @@ def _detail(rule: Rule) -> str:
     if rule.verdict is Verdict.ACCEPT:
         return "every limit is kept"
     if "variable" not in rule.data:
-        return rule.figure
+        return rule.figure if rule.name in _OF_ITSELF else f"{rule.words}: {rule.figure}"
     limit, facts = Bounds(**rule.data), {fact.code: fact for fact in rule.facts}
     parts = [facts[code].words for code in (FactCode.BEYOND, FactCode.MISSING) if code in facts]
     often = "outside once" if facts[FactCode.OUTSIDE].data["times"] == 1 else "outside repeatedly"

@@ -421,7 +421,8 @@ def _swaps(book: RuleBook, events: Sequence[WeldEvent], evidence: Evidence) -> R
 def _modes(course: Course, evidence: Evidence) -> Rule:
     # A supervisor that starts holds the command until it has found a controller that is ready.
     is_start = np.cumsum(course.mode == "auto") == 0
-    is_start &= np.isin(course.mode, ("", "hold")) & (course.time_s - course.time_s[0] < _START_S)
+    if TICK * is_start.sum() > _START_S or not {"", "hold"}.issuperset(course.mode[is_start]):
+        is_start[:] = False
     modes = course.mode[~(is_start | course.put_in)]  # gaps have a rule of their own
     others = {
         mode: float(TICK * np.sum(modes == mode))

@@ -11,6 +11,7 @@ from fsw_control import weld
 from fsw_control.coded import Coded
 from fsw_control.schema.models import Model, Whole
 from fsw_control.schema.ranges import Range
+from fsw_control.sensors import SURFACE_MM
 
 _LENGTH = Range(0.0, 5.0, "mm")
 
@@ -38,7 +39,7 @@ class DepthChannel(Model):
     ``growth_share`` * growth + bias + noise.
     """
 
-    minimum_mm: Annotated[float, Range(-10.0, 20.0, "mm")] = 0.0
+    minimum_mm: Annotated[float, Range(-10.0, 20.0, "mm")] = SURFACE_MM
     """Minimum plausible sample."""
     maximum_mm: Annotated[float, Range(-10.0, 20.0, "mm")] = 6.0
     """Maximum plausible sample."""

@@ -104,7 +104,7 @@ _DEPTH_CHANNELS = (
 
 
 #: at the surface of the copper a sensor's noise and offset show less than nothing (chosen)
-_SURFACE_MM = -0.5
+SURFACE_MM = -0.5
 _DEPTH_TYPE, _TORQUE_TYPE = "fsw_msgs/msg/ShoulderDepth", "fsw_msgs/msg/SpindleTorque"
 _TEMPERATURE_TYPE = "sensor_msgs/msg/Temperature"
 
@@ -112,7 +112,7 @@ _TEMPERATURE_TYPE = "sensor_msgs/msg/Temperature"
 def _depth_channel(channel: str, title: str, noise_mm: float) -> Sensor:
     return Sensor(
         *(f"depth_{channel}", title, DEPTH, f"fsw/depth/{channel}", _DEPTH_TYPE),
-        minimum=_SURFACE_MM,
+        minimum=SURFACE_MM,
         maximum=6.0,
         max_rate=10.0,
         max_jump=None,
@@ -125,7 +125,7 @@ def _depth_channel(channel: str, title: str, noise_mm: float) -> Sensor:
 _ROWS = (
     Sensor(
         *("depth", "depth sensor", DEPTH, "fsw/depth", _DEPTH_TYPE),
-        minimum=_SURFACE_MM,
+        minimum=SURFACE_MM,
         maximum=6.0,
         max_rate=10.0,
         max_jump=0.5,

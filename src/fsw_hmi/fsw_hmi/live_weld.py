@@ -46,7 +46,7 @@ class LiveWeld:
         self._programme: list[tuple[int, Any]] = []
         self._problems: list[str] = []
         self._unusable = UnusableSamples()
-        self._first = True
+        self._first, self._only_end = True, False
 
     def on_state(self, leader: str, state: Mapping[str, Any]) -> None:
         """Take what the supervisor reports, as the page gets it, and its identity."""
@@ -61,7 +61,8 @@ class LiveWeld:
         if not begins:
             return
         self.forget()
-        if progress["angle_deg"] or progress["state"] in OVER:
+        self._only_end = progress["state"] in OVER
+        if progress["angle_deg"]:
             self._problems.append(_UNSEEN)
 
     def add(self, row: Row, source: str) -> None:
@@ -95,8 +96,8 @@ class LiveWeld:
                 del kept[:KEPT]
 
     def account(self) -> Account | None:
-        """The judgement of the weld so far; None before the first tick."""
-        if not self._rows:
+        """The judgement of the weld so far; None before the first tick, or if only its end was seen."""
+        if not self._rows or self._only_end:
             return None
         running, unusable = (self._progress or {}).get("state") not in OVER, self._unusable
         signals = self._signals()

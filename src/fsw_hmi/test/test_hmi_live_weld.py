@@ -35,5 +35,16 @@ def test_what_the_page_did_not_see_is_no_gap_of_the_record():
     for tick in [*range(20), *range(95, 130)]:  # 7.5 s
         weld.add(Row(tick * 10**8, tuple(GOOD.get(name, 0.0) for name in COLUMNS[1:])), "nmpc")
     assert {rule.name for rule in weld.account().rules if rule.verdict != "accept"} == set()
-    (mark,) = weld.frame()["marks"]
-    assert (mark["level"], mark["lasts_s"]) == ("medium", 7.5)
+    shown = weld.frame()
+    (mark,) = shown["marks"]
+    assert (shown["level"], mark["level"], mark["lasts_s"]) == ("medium", "medium", 7.5)
+
+
+def test_a_weld_of_which_only_the_end_was_seen_is_not_judged():
+    weld = LiveWeld(default())
+    weld.on_progress(PROGRESS | {"state": "done", "angle_deg": 361.0})
+    weld.add(Row(10**8, tuple(GOOD.get(name, 0.0) for name in COLUMNS[1:])), "nmpc")
+    assert weld.account() is None
+    weld.on_progress(PROGRESS)
+    weld.add(Row(2 * 10**8, tuple(GOOD.get(name, 0.0) for name in COLUMNS[1:])), "nmpc")
+    assert weld.account() is not None

@@ -141,7 +141,9 @@ def _needs(limits: DriveLimits) -> dict[str, _Need]:
     needs = {"force": force, "speed": speed}
     for sensor, limit in sensor_limits().items():
         row, step = SENSORS[sensor], _COARSE_NOISES * limit.noise or math.inf
-        needs[row.stem] = _Need(limit.minimum, limit.maximum, step, row.quantity.unit)
+        # what is less than nothing is noise at the surface: a node may end at 0
+        low = max(limit.minimum, 0.0)
+        needs[row.stem] = _Need(low, limit.maximum, step, row.quantity.unit)
     return needs
 
 

@@ -98,6 +98,7 @@ def test_whole_numbers_that_do_not_hold_every_set_point_are_refused(
     ("changes", "kinds"),
     [
         ({}, {"force_setpoint": "Float", "speed_setpoint": "Int16", "speed_in_force": "UInt16"}),
+        ({"Depth, unit: mm": "Depth, unit: mm, scale: 0.001"}, {"depth": "UInt16"}),
         ({"ForceSetpoint, unit: kN": "ForceSetpoint, unit: N"}, {"force_setpoint": "Int32"}),
         (
             {"ForceSetpoint, unit: kN": "ForceSetpoint, unit: kN, scale: 0.01"},

@@ -149,7 +149,7 @@ class PlantParameters(NodeParameters):
     wait for a subscriber that has stopped."""
     lockstep_give_up_s: Annotated[float, Range(0.0, 86400.0, "s")] = 180.0
     """In lockstep, wall time without a command after which the plant exits with an error; longer
-    than a standby waits (twice lockstep_deadline_s of the supervisor); 0: never."""
+    than a standby waits (2 s, after takeovers up to 16 s); 0: never."""
     discovery_s: Annotated[float, Range(0.0, 10.0, "s"), AT_START] = 0.5
     """Time for which the plant looks for another plant in the same domain before it starts."""
     factors: type(MODEL_FACTORS) = MODEL_FACTORS  # type: ignore[valid-type]

@@ -58,7 +58,7 @@ class PlantServices:
             self._plant.begin(event)
             return Fact.of(Done.BEGINS, target=event.target, kind=event.kind)
 
-        self._answer(response, str(request), act)
+        self._answer(response, type(request).__name__.removesuffix("_Request"), act)
         return response
 
     def _on_reset(

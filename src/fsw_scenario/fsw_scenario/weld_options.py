@@ -148,8 +148,12 @@ class WeldOptions(Model):
         Raises
         ------
         fsw_control.schema.models.InputError
-            If a controller, the scenario or the procedure cannot be used, or the bag exists.
+            If a controller, a file or the procedure cannot be used, or the bag exists.
         """
+        # launch_ros only warns of a parameter file that is missing, and welds without it
+        for name in ("machine", "params_file"):
+            if (file := getattr(self, name)) and not _path(file).is_file():
+                raise InputError(f"{name}: there is no file {file}")
         labels = (label.strip() for label in self.controllers.split(","))
         variants = variants_of(filter(None, labels))
         if not variants:

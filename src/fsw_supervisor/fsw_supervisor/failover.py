@@ -254,6 +254,7 @@ class Failover:
         tick = self._arbiter.ticks.present
         if tick is not None and self.machine.tick != self._tick:
             self._begin(tick)
+            tick = self._arbiter.ticks.present  # the leader may have answered it already
         if self.role is Role.LISTENING:
             return now_s >= self._listening_ends_s
         if tick is None or now_s < self._due_s or self.actuator is None:
