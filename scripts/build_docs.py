@@ -135,6 +135,7 @@ def on_files(files: Any, config: Any) -> Any:
         requirements, safety_case.marked(), results
     )
     readme = (WORKSPACE / "README.md").read_text("utf-8")
+    readme = re.sub(r"^Changes: .*\n\n", "", readme, flags=re.M)  # these files are no pages
     pages["index.md"] = re.sub(
         r"\]\((?:docs/)?(?!\w+:)", lambda m: "](" if "docs" in m[0] else "](../", readme
     )

@@ -63,7 +63,7 @@ PROCEDURE, DEVIATIONS = "fsw_procedure", "deviations"
 _SWAP_S = 12.0
 #: within this time a supervisor that stands by takes over (0.3 s, measured) and is heard
 _TAKEOVER_S = 0.6
-NO_REASON = "no reason is told"
+NO_REASON = "no reason given"
 
 
 @dataclass(frozen=True, slots=True)

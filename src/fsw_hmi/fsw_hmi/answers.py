@@ -73,7 +73,9 @@ class Code(Worded):
     NO_SERVICE = "there is no {service} to ask"
     SILENT = "the {service} did not answer in time"
     ASKED_AGAIN = "no {service} answers; it is asked for up to {wait_s:g} s more"
-    UNCONFIRMED = "the {service} has not confirmed it; it is asked for up to {wait_s:g} s more"
+    UNCONFIRMED = (
+        "the {service} has not confirmed it; the request is repeated for up to {wait_s:g} s"
+    )
     NOT_ASKED = "the {service} could not be asked: {error}"
     SERVICE = "{message}"
     ABORTED = "the weld is aborted"

@@ -122,9 +122,9 @@ def _of_state(now: Situation) -> dict[str, str] | None:
     """What is wrong with the state is an alarm; the rest is what somebody wants."""
     state = now.state
     if state is None or now.state_age_s is None or now.state_age_s > NO_REPORT_S:
-        text, detail = "No supervisor", "nobody is known to command the weld"
+        text, detail = "No supervisor", "no supervisor reports"
         if now.stop_waits:
-            detail = "a safe stop is in force: the next weld begins stopped"
+            detail = "a safe stop is in force: the next weld starts in it"
         return _line("medium", Code.NO_SUPERVISOR, "start_supervisor", text, detail)
     mode = state["actual_mode"]
     if mode == "auto":

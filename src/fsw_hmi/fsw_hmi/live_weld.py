@@ -96,7 +96,7 @@ class LiveWeld:
                 del kept[:KEPT]
 
     def account(self) -> Account | None:
-        """The judgement of the weld so far; None before the first tick, or if only its end was seen."""
+        """The judgement of the weld so far; None before a tick, or if only its end was seen."""
         if not self._rows or self._only_end:
             return None
         running, unusable = (self._progress or {}).get("state") not in OVER, self._unusable

@@ -33,8 +33,8 @@ _SHIPPED = ", ".join(shipped())
     PRIVATE_KEY,
     TRUSTED,
     REQUIRE_SIGNED,
-    description="Check that bag, manifest, procedure and record are of one weld, judge it again, "
-    "sign for all, and add it to the chain. What does not fit is not attested.",
+    description="Check that bag, manifest, procedure and record (if any) are of one weld, "
+    "judge it again, sign for all, and add it to the chain. What does not fit is not attested.",
 )
 def attested(arguments: argparse.Namespace) -> int:
     key, trusted = private_key(arguments), trusted_keys(arguments, own=True)

@@ -138,6 +138,6 @@ def diff(arguments: argparse.Namespace) -> int:
         return 0
     print_table(changes, ("where", arguments.old, arguments.new))
     if (old.id, old.revision) == (new.id, new.revision):
-        note = f"note: both are {old.id} revision {old.revision}: renumber one"
+        note = f"note: both are {old.id} revision {old.revision}: give one a new revision"
         print(note, file=sys.stderr)
     return 1

@@ -39,8 +39,8 @@ from fsw_scenario.procedure import check_signed, load, shipped
     REQUIRE_SIGNED_PROCEDURE,
     FORMAT_BESIDE,
     FORCE,
-    description="Judge recorded welds by a procedure; write record.html, record.json, with extra "
-    "pdf, record.pdf, of several bags in a folder each. The exit code ignores the verdict.",
+    description="Judge recorded welds by a procedure; write record.html and record.json (with the "
+    "extra pdf record.pdf), a folder per bag. The exit code ignores the verdict.",
 )
 def record(arguments: argparse.Namespace) -> int:
     load(arguments.procedure)  # its mistakes are reported before anything else
