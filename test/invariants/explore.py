@@ -32,6 +32,7 @@ from fsw_analysis.report import table
 from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_NS
 from fsw_supervisor.state_machine import Mode
+from fsw_supervisor.tick import Tick
 from fsw_test_support import results_page
 from fsw_test_support.results_page import Row
 from fsw_test_support.welding_cell import (
@@ -233,7 +234,7 @@ def _object_freezer() -> Callable[[Any, str, _Now], Any]:
         nonlocal names
         names = names or tuple(
             slot
-            for slot in getattr(value, "__slots__", ()) or vars(value)
+            for slot in getattr(value, "_fields", getattr(value, "__slots__", ())) or vars(value)
             if slot not in _IRRELEVANT
         )
         return tuple(
@@ -249,6 +250,7 @@ def _object_freezer() -> Callable[[Any, str, _Now], Any]:
 _FREEZERS = _Freezers(
     {kind: _plain for kind in (type(None), bool, str)} | {float: _float, int: _int}
 )
+_FREEZERS[Tick] = _object_freezer()  # a tuple whose fields are times
 
 
 def packed(cell: Cell) -> bytes:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isclose, nan
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from fsw_control.command_gate import Flaw, refusal
@@ -14,7 +13,7 @@ from fsw_control.reason import Reason, ReasonCode
 
 #: after this time without measurements the command in force counts as unknown [s]
 GAP_S = 1.0
-_NOTHING: Mapping[str, Any] = MappingProxyType({})
+_NOTHING: Mapping[str, Any] = {}  # shared, as nobody may write to a mapping of a tick
 
 
 @dataclass(frozen=True, slots=True)

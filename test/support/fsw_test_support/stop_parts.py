@@ -163,6 +163,7 @@ class _Arbiter:
             last=None,
             present=SimpleNamespace(stamp_ns=0, answered=False),
             now_s=0.0,
+            follow=lambda decision: setattr(self.ticks, "last", decision),
         )
         self._knew, self._end_restarted = (False, False), False
         self.in_force = SimpleNamespace(on_sent=lambda command: None)
