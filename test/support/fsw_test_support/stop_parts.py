@@ -158,7 +158,7 @@ class _Arbiter:
             readmit=lambda who: None, tripped=False, why_stop=lambda acknowledged=False: None
         )
         self.registry = SimpleNamespace(get=lambda name: None)
-        self.ticks = SimpleNamespace(
+        self.ticks: SimpleNamespace = SimpleNamespace(
             leading=False,
             last=None,
             present=SimpleNamespace(stamp_ns=0, answered=False),
