@@ -102,7 +102,7 @@ def kept(
 def _read(path: Path, kind: type[Kind], shape: str, refuse: bool) -> Kind | None:
     """What a file holds, if it is there and whole.
 
-    One of another shape is refused or made anew.
+    One of another shape is refused or made again.
     """
     try:
         with np.load(path, allow_pickle=False) as content:

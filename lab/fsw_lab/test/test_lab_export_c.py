@@ -1,6 +1,6 @@
 """The exported C: compiles everywhere without a warning and answers as Python does.
 
-Bad input is told in one line.
+Bad input is reported in one line.
 """
 
 import re

@@ -244,7 +244,7 @@ def depth_basis(fused: FusedSignals) -> DepthBasis | None:
 
 
 def told_by_watch(reader: BagReader, signals: WeldSignals) -> list[WeldEvent]:
-    """What the node that watches the procedure told while the weld ran, each change once.
+    """What the node that watches the procedure reported during the weld, each change once.
 
     Procedure, deviations.
     """

@@ -15,9 +15,7 @@ _LEVELS: dict[Verdict, Level] = {
     Verdict.REVIEW: "medium",
     Verdict.REJECT: "high",
 }
-
-
-_UNSEEN = "this page has not seen a part of the weld"
+_NOT_ON_RECORD, _UNSEEN = "not on record", "this page has not seen a part of the weld"
 #: rules of which the finding says all
 _OF_ITSELF = ("complete", "recording", "hold", "swaps", "mode", "interlocks")
 
@@ -30,10 +28,9 @@ def page_account(account: Account, offset_s: float = 0.0, recorded: bool = True)
     rule = account.deciding
     place, gaps = account.course.place, account.course.gaps
     worst = next(rule.verdict for rule in account.rules if rule.name == "recording")
+    gap: tuple[Level, str] = (_LEVELS[worst], _NOT_ON_RECORD) if recorded else ("medium", _UNSEEN)
     marks = [
-        gap_mark(begin_s + offset_s, lasts_s, place(begin_s, lasts_s), _LEVELS[worst])
-        if recorded
-        else _mark("medium", _UNSEEN, begin_s + offset_s, lasts_s, place(begin_s, lasts_s))
+        _mark(*gap, begin_s + offset_s, lasts_s, place(begin_s, lasts_s))
         for begin_s, lasts_s in gaps
     ]
     for run in account.unusable:
@@ -74,10 +71,10 @@ def _detail(rule: Rule) -> str:
 
 
 def gap_mark(
-    begin_s: float, lasts_s: float, place: tuple[float, float] | None, level: Level
+    begin_s: float, lasts_s: float, place: tuple[float, float] | None, verdict: Verdict
 ) -> dict[str, Any]:
     """The mark of a time that is not on record, at a time of the page."""
-    return _mark(level, "not on record", begin_s, lasts_s, place)
+    return _mark(_LEVELS[verdict], _NOT_ON_RECORD, begin_s, lasts_s, place)
 
 
 def _mark(

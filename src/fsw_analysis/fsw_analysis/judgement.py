@@ -314,8 +314,13 @@ def _recording(
     longest = float(max((length for _, length in gaps), default=0.0))
     if gaps:
         faults.append(Fact.of(FactCode.GAPS, count=len(gaps), longest_s=longest))
-    worst = Verdict.REJECT if longest > book.acceptance.tolerated_s + 1e-6 else Verdict.REVIEW
-    return _rule("recording", faults, verdict=worst)
+    return _rule("recording", faults, verdict=gap_verdict(longest, book))
+
+
+def gap_verdict(lasts_s: float, book: RuleBook) -> Verdict:
+    """What a gap of the record leads to: nobody knows what was in it."""
+    is_long = lasts_s > book.acceptance.tolerated_s + 1e-6
+    return Verdict.REJECT if is_long else Verdict.REVIEW
 
 
 def _sensors(course: Course, book: RuleBook, evidence: Evidence, recorded: bool) -> Iterator[Rule]:

@@ -11,8 +11,8 @@ import numpy as np
 
 from fsw_analysis.course import OVER, UnusableSamples
 from fsw_analysis.events import of_programme_states, of_states
-from fsw_analysis.headline import Level, gap_mark, page_account
-from fsw_analysis.judgement import Account, judge
+from fsw_analysis.headline import gap_mark, page_account
+from fsw_analysis.judgement import Account, gap_verdict, judge
 from fsw_analysis.rule_book import RuleBook
 from fsw_analysis.weld_signals import DriveSignals, WeldEvent, WeldSignals, experiment_time_s
 from fsw_control.sensors import OPTIONAL, REQUIRED, SENSORS
@@ -114,10 +114,8 @@ class LiveWeld:
         for begin_s, end_s in gaps:
             lasts_s = end_s - begin_s
             place = account.course.place(begin_s - offset_s, lasts_s)
-            level: Level = (
-                "high" if lasts_s > self.book.acceptance.tolerated_s + 1e-6 else "medium"
-            )
-            shown["marks"].append(gap_mark(begin_s, lasts_s, place, level))
+            verdict = gap_verdict(lasts_s, self.book)
+            shown["marks"].append(gap_mark(begin_s, lasts_s, place, verdict))
         return shown
 
     def _signals(self) -> WeldSignals:
