@@ -406,7 +406,7 @@ def content_of(rows, profiles):
     saturated = alone[alone.later_fastest_s > 10.0].later_fastest_s
     return figures | flat, {
         "figures": figures,
-        "table": table,
+        "errors": table,
         "full": full,
         "phases": PHASES,
         "controllers": CONTROLLERS,

@@ -192,7 +192,7 @@ def content_of(figures):
     )
     return {
         "figures": figures,
-        "rows": rows,
+        "histories": rows,
         "few": FEW,
         "welds": WELDS,
         "quantities": len(CHARTED),

@@ -222,7 +222,7 @@ def measure(quick):
         for names, of in table.items()
         for key, both in of.items()
     }
-    return _benchmark.flat(figures), globals() | {"table": table}
+    return _benchmark.flat(figures), globals() | {"ratio_table": table}
 
 
 if __name__ == "__main__":

@@ -160,7 +160,7 @@ def measure(quick: bool) -> tuple[_benchmark.Figures, Mapping[str, object]]:
     numbers = dict(zip(labels, on_all_cores(measured, labels), strict=True))
     judged = {label: answers(own, numbers[CONSERVATIVE]) for label, own in numbers.items()}
     flat = _benchmark.flat({label: numbers[label] | judged[label] for label in labels})
-    return flat, globals() | {"found": numbers, "judged": judged}
+    return flat, globals() | {"numbers": numbers, "judged": judged}
 
 
 if __name__ == "__main__":

@@ -141,7 +141,7 @@ def measure(quick):
         for (kind, name), values in table.items()
         for key, value in values.items()
     }
-    return flat, globals() | {"table": table}
+    return flat, globals() | {"ratio_table": table}
 
 
 if __name__ == "__main__":

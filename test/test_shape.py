@@ -6,13 +6,18 @@ from types import ModuleType
 
 import pytest
 
+WORKSPACE = Path(__file__).resolve().parents[1]
+#: folders with templates
+TEMPLATES = ("src", "quality", "lab", "benchmarks", "scripts")
+#: columns of a line, as ruff has them for Python
+COLUMNS = 99
 #: modules of fewer than 60 lines without a reason by rule; only ever fewer
 MOST_SHORT_MODULES = 73
 
 
 @pytest.fixture
 def counter(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "scripts"))
+    monkeypatch.syspath_prepend(str(WORKSPACE / "scripts"))
     return importlib.import_module("count_lines")
 
 
@@ -22,6 +27,17 @@ def test_functions_classes_and_files_keep_their_limits(counter: ModuleType) -> N
 
 def test_short_modules_only_become_fewer(counter: ModuleType) -> None:
     assert len(counter.short_modules()) <= MOST_SHORT_MODULES
+
+
+def test_lines_of_templates_fit_the_columns() -> None:
+    files = [path for top in TEMPLATES for path in (WORKSPACE / top).rglob("*.j2")]
+    wide = [
+        f"{path.relative_to(WORKSPACE)}:{number}"
+        for path in files
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if len(line) > COLUMNS
+    ]
+    assert len(files) > 30 and wide == []
 
 
 @pytest.mark.parametrize(

@@ -52,8 +52,8 @@ def table(rows: Sequence[Sequence[object]], words: int | None = 1, padded: bool 
 def templates(place: str | Path) -> Environment:
     """Templates of a package's folder ``templates``, or of a folder.
 
-    A missing value is an error, values in HTML and XML are escaped, and ``table`` makes a table in
-    Markdown.
+    A missing value is an error, values in HTML and XML are escaped, ``table`` makes a table in
+    Markdown, and ``do`` extends its rows.
     """
     import jinja2  # heavy to import, and a weld's table needs no template
 
@@ -64,6 +64,7 @@ def templates(place: str | Path) -> Environment:
             else jinja2.PackageLoader(place)
         ),
         autoescape=jinja2.select_autoescape(("html.j2", "xml.j2")),
+        extensions=["jinja2.ext.do"],
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
