@@ -25,6 +25,7 @@ import pandas as pd
 from scipy.stats import norm
 
 from fsw.footprint_command import footprint_of
+from fsw_analysis.report import numbers
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_control.depth_bank import DepthBank
 from fsw_control.depth_channels import CHANNELS, ChannelHealth, DepthFusionSettings
@@ -414,7 +415,7 @@ def measure(quick: bool) -> tuple[dict[str, Any], dict[str, Any]]:
         tables = tables_of(QUICK if quick else Size(), folder)
     if not quick:
         file = _benchmark.RESULTS / "depth_tables.json"
-        file.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
+        file.write_text(numbers(tables), encoding="utf-8")
         draw(tables["accuracy"], file.with_name("depth.png"))
     page = {**tables, "aim_mm": AIM_MM, "named_s": NAMED_S, "machine": MACHINE}
     return figures_of(tables), page

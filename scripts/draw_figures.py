@@ -50,7 +50,7 @@ def _recorded(name: str) -> Any:
 
 
 def comparison() -> None:
-    """``sweep``, ``fronts`` and ``sensors``, from the comparison's numbers."""
+    """``sweep``, ``fronts`` and ``sensors``, from a run's numbers (not committed)."""
     command.draw(_recorded("comparison"), RESULTS)
 
 

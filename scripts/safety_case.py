@@ -287,7 +287,7 @@ def publish(arguments: list[str]) -> int:
         "chosen": " ".join(f'"{word}"' if " " in word else word for word in ["pytest", *chosen]),
         "requirements": {one: outcomes.counts[one] for one in order},
     }
-    RESULTS.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    RESULTS.write_text(report.numbers(content), encoding="utf-8")
     return int(code)
 
 

@@ -345,6 +345,15 @@ def test_no_page_is_too_long_to_be_read(page: Path) -> None:
         assert words <= _LONGER.get(page.stem, _MOST_WORDS), f"{name}: {words} words; shorten it"
 
 
+@pytest.mark.parametrize(
+    "page", sorted((WORKSPACE / "docs" / "results").glob("*.md")), ids=lambda page: page.stem
+)
+def test_a_page_of_results_has_one_table_and_one_figure(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert len(re.findall(r"^\|[ :]*-[-:| ]*\|$", text, re.MULTILINE)) <= 1
+    assert len(re.findall(r"^!\[", text, re.MULTILINE)) <= 1
+
+
 def test_each_block_diagram_is_drawn_with_its_own_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(WORKSPACE / "scripts"))
     drawer = load("block_diagram")

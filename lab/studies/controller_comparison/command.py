@@ -1,7 +1,7 @@
 """The command of the study.
 
-Writes pages, figures and all numbers (comparison.json) into the folder given by --out, or into
-docs/results with --publish.
+Writes pages, what they show (comparison_tables.json), figures and all numbers (comparison.json,
+not committed) into the folder given by --out, or into docs/results with --publish.
 """
 
 from __future__ import annotations
@@ -67,27 +67,28 @@ def main() -> int:
     parser.add_argument(
         "--page",
         action="store_true",
-        help="only the pages and their figures again, from the numbers of the last run",
+        help="only the pages again, and their figures where the numbers of a run are there",
     )
     arguments = parser.parse_args()
     if arguments.publish and arguments.quick:
         parser.error("--publish needs the whole comparison, without --quick")
     out: Path = WORKSPACE / "docs" / "results" if arguments.publish else arguments.out
     out.mkdir(parents=True, exist_ok=True)
-    numbers = out / "comparison.json"
+    numbers, shown_file = out / "comparison.json", out / "comparison_tables.json"
     began = time.monotonic()
     if not arguments.page:
         numbers.write_text(in_lines(measure(out, arguments)), encoding="utf-8")
     models = out / "other_models.json"
     if arguments.models > 0 and not arguments.page:
-        models.write_text(
-            json.dumps(other_models.study(arguments.models), indent=1) + "\n", encoding="utf-8"
-        )
-    data = json.loads(numbers.read_text(encoding="utf-8"))
-    draw(data, out)
+        models.write_text(in_lines(other_models.study(arguments.models)), encoding="utf-8")
+    if numbers.exists():
+        data = json.loads(numbers.read_text(encoding="utf-8"))
+        draw(data, out)
+        shown_file.write_text(in_lines(report.tables(data)), encoding="utf-8")
+    shown = json.loads(shown_file.read_text(encoding="utf-8"))
     if models.exists() and not arguments.quick:
-        data["other_models"] = json.loads(models.read_text(encoding="utf-8"))
-    for name, text in report.pages(data).items():
+        shown["other_models"] = json.loads(models.read_text(encoding="utf-8"))
+    for name, text in report.pages(shown).items():
         (out / name).write_text(text, encoding="utf-8")
     print(f"{out}: {time.monotonic() - began:.0f} s")
     return 0

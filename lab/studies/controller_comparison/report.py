@@ -19,7 +19,7 @@ from controller_comparison.study import (
     VARIATIONS,
     ratios,
 )
-from fsw_analysis.report import templates
+from fsw_analysis.report import table, templates
 from fsw_tuning.margins import TITLES, texts
 from fsw_tuning.standard_cases import (
     CASES,
@@ -187,38 +187,62 @@ def loss_rows(losses: Sequence[Sequence[Any]]) -> Rows:
     return rows
 
 
-def pages(data: Mapping[str, Any]) -> dict[str, str]:
+def random_part(data: Mapping[str, Any]) -> dict[str, Any]:
+    """What a page shows of random plants."""
+    smith = data.get("smith", {})
+    return {
+        "plants": data["plants"],
+        "rows": random_rows(data["ratios"]),
+        "swings": data["swings"],
+        "smith": {JUDGED[key]: quantiles(values)["median"] for key, values in smith.items()},
+    }
+
+
+def tables(data: Mapping[str, Any]) -> dict[str, Any]:
+    """What the pages show of all numbers, without the parts that were not run."""
+    shown = {part: data[part] for part in ("matched", "corridors") if part in data}
+    if "bounds" in data:
+        bounds = data["bounds"]
+        shown["optimum"] = {
+            "starts": min(bound["starts"] for bound in bounds.values()),
+            "spread": max(bound["spread"] for bound in bounds.values()),
+            "errors_over_it": over_optimum(data["nominal"][DEFAULT], bounds),
+        }
+    if "wins" in data:
+        wins = data["wins"]
+        shown["wins"] = {part: wins[part] for part in ("tuning", "validation")}
+        shown["wins"]["rows"] = loss_rows(wins["losses"])
+    if "sweep" in data:
+        failures = {name: failed(runs) for name, runs in data["sweep"].items()}
+        shown["sweep"] = {
+            "worse": worse(data["sweep"]),
+            "failures": {name: why for name, why in failures.items() if why},
+        }
+    if "random" in data:
+        shown["random"] = random_part(data["random"])
+    if "sensing" in data:
+        ratios_by_figure = data["sensing"]["random"]["ratios"]
+        depth = quantiles(ratios_by_figure["disturbances iae_depth_mm_s"])
+        shown["sensing"] = {
+            "random": random_part(data["sensing"]["random"]),
+            "depth_share": depth["share"],
+            "swinging": swinging(data["sensing"]["runs"], 4),
+        }
+    return shown
+
+
+def pages(shown: Mapping[str, Any]) -> dict[str, str]:
     """All results as Markdown.
 
-    The text of each page by file name, without the pages of parts that were not run.
+    The text of each page by file name, from :func:`tables` and the numbers of the other models,
+    without the pages of parts that were not run.
     """
     environment = templates(Path(__file__).parent)
     environment.globals |= globals()  # the functions above make the rows of tables
-    environment.globals |= {
-        "set_points": SET_POINTS,
-        "disturbances": DISTURBANCES,
-        "judged": JUDGED,
-        "kpis": KPIS,
-    }
-    environment.globals |= {"default": DEFAULT, "ratios": ratios}
-    parts = {
-        **dict.fromkeys(
-            (
-                "below_noise",
-                "bounds",
-                "corridors",
-                "margins",
-                "matched",
-                "other_models",
-                "random",
-                "sensing",
-                "wins",
-            )
-        ),
-        **data,
-    }
+    environment.globals |= {"table": table, "set_points": SET_POINTS, "disturbances": DISTURBANCES}
+    environment.globals |= {"kpis": KPIS, "default": DEFAULT, "ratios": ratios}
     return {
-        f"{name}.md": environment.get_template(f"{name}.md.j2").render(parts)
+        f"{name}.md": environment.get_template(f"{name}.md.j2").render(shown)
         for name, part in PAGES.items()
-        if part in data
+        if part in shown
     }
