@@ -41,6 +41,13 @@ import fsw
 
 WORKSPACE = Path(__file__).resolve().parent.parent
 CONTRIBUTING = WORKSPACE / "CONTRIBUTING.md"
+#: what README calls the parts of the reference, and their first pages
+REFERENCE = {
+    "parameters": "reference/parameters.md",
+    "messages": "reference/messages.md",
+    "files": "reference/scenarios.md",
+    "commands": "reference/command-line.md",
+}
 VERDICT = WORKSPACE / "docs" / "results" / "nmpc-or-pi.md"
 
 
@@ -97,6 +104,15 @@ def with_packages(page: str) -> str:
     return re.sub(pattern, lambda match: f"{match[1]}{drawing}{match[2]}", page, flags=re.DOTALL)
 
 
+def with_reference(page: str) -> str:
+    """The first page with links to the pages of the reference, which are in the site alone."""
+    for words, name in REFERENCE.items():
+        page, count = re.subn(rf"(reference of all .*?)\b{words}\b", rf"\1[{words}]({name})", page)
+        if count != 1:
+            raise SystemExit(f"README.md, reference of all: {words} is named {count} times")
+    return page
+
+
 def notebook(text: str) -> str:
     """A script in cells as a notebook of Jupyter (nbformat 4)."""
     code: dict[str, Any] = {"execution_count": None, "outputs": []}
@@ -136,9 +152,10 @@ def on_files(files: Any, config: Any) -> Any:
     )
     readme = (WORKSPACE / "README.md").read_text("utf-8")
     readme = re.sub(r"^Changes: .*\n\n", "", readme, flags=re.M)  # these files are no pages
-    pages["index.md"] = re.sub(
+    index = re.sub(
         r"\]\((?:docs/)?(?!\w+:)", lambda m: "](" if "docs" in m[0] else "](../", readme
     )
+    pages["index.md"] = with_reference(index)
     for path in NOTEBOOKS.glob("*.py"):
         pages[f"gallery/{path.stem}.ipynb"] = notebook(path.read_text("utf-8"))
     for name, text in pages.items():
