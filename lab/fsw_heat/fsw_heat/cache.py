@@ -113,7 +113,7 @@ def _read(path: Path, kind: type[Kind], shape: str, refuse: bool) -> Kind | None
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         if refuse:
             raise InputError(
-                f"{path}: holds no reduced canister; remove it, then it is made anew"
+                f"{path}: holds no reduced canister; remove it, and the next run computes it"
             ) from None
         return None
     wanted = json.loads(shape)

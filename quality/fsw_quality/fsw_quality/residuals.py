@@ -70,7 +70,7 @@ class Gains(NamedTuple):
 
     process_nm: float  #: torque of the process by the model
     nm_per_kn: float  #: of the model's torque, by force
-    nm_per_mm: float  #: likewise by depth
+    nm_per_mm: float  #: of the model's torque, by depth
     mm_per_c: float  #: of the depth, by temperature
     creep_mm: float  #: depth that the force has pressed in: the integral of it
     slow_mm: float  #: and the part with a lag

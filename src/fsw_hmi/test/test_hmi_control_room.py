@@ -75,7 +75,7 @@ def handle(room, session, text, now_s):
 
 
 class Desk:
-    """A session whose clock goes on by a second at every request."""
+    """A session whose clock advances by a second at every request."""
 
     now_s = 0.0
 

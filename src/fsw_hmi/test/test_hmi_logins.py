@@ -62,7 +62,7 @@ def test_flood_of_logins_delays_no_safe_stop_and_no_frame(make_server, users):
         for host in range(2, 12):
             stranger = stack.enter_context(server.open(source_address=(f"127.0.0.{host}", 0)))
             stranger.send("login", name="egon", password=f"guess {host}")
-        assert users.begun.acquire(timeout=PATIENCE_S)  # and goes on until the test says so
+        assert users.begun.acquire(timeout=PATIENCE_S)  # and runs until the test ends it
         otto.send("safe_stop")
         assert server.next_order().who.startswith("otto (")
         otto.until("beat")

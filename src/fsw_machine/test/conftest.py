@@ -46,7 +46,7 @@ def machine(shipped_text):
 
 @pytest.fixture(scope="session")
 def several_sensors(shipped_text):
-    """A machine file with the sensors of the depth in place of one depth."""
+    """A machine file with several sensors of the depth."""
     content = yaml.safe_load(shipped_text)
     del content["nodes"]["depth"]
     content["nodes"] |= {

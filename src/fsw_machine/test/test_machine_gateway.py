@@ -401,7 +401,7 @@ def test_a_command_catches_up_within_three_cycles_of_the_last_one_that_was_taken
 
 
 def test_rounded_readback_is_not_a_machine_move(with_other_moves):
-    """It shows every write a cycle later and a little off, and a ramp at the limit goes on uncut."""
+    """The readback is a cycle late and a little off; a ramp at the limit is not cut."""
     shown = before = STEADY
     for _ in range(5):
         requested = Command(before.force_kn + 1.98, before.speed_rpm + 2.97)
@@ -423,7 +423,7 @@ def test_written_and_failed_commands_are_counted(running):
 
 
 def test_while_the_server_does_not_answer_every_command_is_refused_in_the_end(running):
-    """And after three of them nothing waits any more: control begins anew from the drives."""
+    """And after three of them nothing waits any more: control restarts from the drives."""
     running.command()
     for count in range(6):
         running.cycle()

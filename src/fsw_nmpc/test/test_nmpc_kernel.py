@@ -309,7 +309,7 @@ def test_bounds_without_room_between_are_refused(q):
 
 @pytest.mark.requirement("S4")
 def test_missing_inputs_give_a_finite_command():
-    """Without finite inputs the controller stays at its last ones, and time goes on in ticks."""
+    """Without finite inputs the controller stays at its last ones, and time advances in ticks."""
     library = make_library(20)
     nan = float("nan")
     library.reset(nan, float("inf"))

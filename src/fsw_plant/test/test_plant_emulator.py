@@ -436,7 +436,7 @@ def test_reset():
     plant.begin(fault("depth", "bias", 1.0))
     plant.apply(Command(nan, 400.0))
     plant.reset(seed=1)
-    assert plant.tick == FIRST_TICK + 30  # time goes on
+    assert plant.tick == FIRST_TICK + 30  # time advances
     again = values_of(run(plant, [Command(79.0, 410.0)] * 30))
     assert again == begin
     assert plant.gate.total() == 0 and not plant.faults and not plant.disturbances

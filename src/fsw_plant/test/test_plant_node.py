@@ -118,7 +118,7 @@ def test_depth_is_fused_from_the_channels_that_are_published(graph):
 
 
 def test_on_a_canister_the_tool_goes_where_the_programme_says(graph, block):
-    """In real time: it travels with the time, stands in a hold, and goes on from there."""
+    """In real time the tool travels, stands during a hold, and continues from there."""
     path = "{path: [{at_s: 0.0, arc_mm: 0.0}, {at_s: 1000.0, arc_mm: 2000.0, axial_mm: 100.0}]}"
     peer = graph.start(process="canister", start__temperature_c=800.0, scenario=f'"{path}"')
     progress = peer.node.create_publisher(WeldProgress, "fsw/weld_progress", LATEST)

@@ -132,7 +132,7 @@ class Scenario(Model):
     plant: Annotated[dict[str, Any], _PlantParameters] = {}
     """parameters of the plant that differ from their defaults, see its reference page"""
     phases: Many[Phase] = ()
-    """of a whole weld, in place of `reference` events"""
+    """of a whole weld, instead of `reference` events"""
     path: Many[Waypoint] = ()
     """of the tool, for a plant with `process: canister`; with `phases` it follows from them"""
     events: Many[Event] = ()

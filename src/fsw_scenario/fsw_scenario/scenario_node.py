@@ -53,7 +53,7 @@ ALONE_S = 0.5
 
 
 class ScenarioNode(LightNode, Node):
-    """The player; ``source`` is a scenario in place of the parameter ``scenario``.
+    """The player; ``source`` is a scenario that replaces the parameter ``scenario``.
 
     A scenario given at the start is a goal that the node sends to itself; the process ends with
     it. At most one player begins a weld in a namespace: of two that see each other none does,

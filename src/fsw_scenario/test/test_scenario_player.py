@@ -149,7 +149,7 @@ def test_held_programme_stands_still_until_it_is_resumed(graph):
 
 @pytest.mark.parametrize("verb", ["hold", "resume"])
 def test_a_scenario_without_phases_refuses_to_be_held(verb):
-    """It says so, in place of a service that is not there, which 'ros2 service call' awaits for ever."""
+    """Without the service 'ros2 service call' would wait for ever."""
     graph = PlayerGraph("quick")
     try:
         graph.tick()

@@ -236,7 +236,7 @@ def test_phase_ends_after_a_second_at_its_temperature():
     machine = PhaseMachine(scenario.phases)
     assert not any(follow(machine, 10, 809.9))
     assert not any(follow(machine, 9, 810.0))
-    assert not any(follow(machine, 1, 809.0))  # it begins anew
+    assert not any(follow(machine, 1, 809.0))  # the dwell starts again
     assert follow(machine, 12, 811.0) == [False] * 9 + [True, False, False]
     assert (machine.tick, machine.held) == (52, -20)
     assert machine.progress().phase == "start"

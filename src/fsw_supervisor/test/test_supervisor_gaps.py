@@ -183,7 +183,7 @@ def test_a_sensor_is_back_later_than_the_others(feed, late, delay_s):
     "changes", [{"healthy": False, "reason": Reason.of("waiting")}, {"command": None}]
 )
 def test_the_first_proposal_after_the_gap_cannot_be_applied(feed, changes):
-    """The plant begins anew elsewhere, or the controller has not all sensors yet."""
+    """The plant restarts elsewhere, or the controller lacks a sensor."""
     feed.pause(3.0)
     feed.next(30)
     believed, feed.acting = feed.acting, Command(feed.acting.force_kn, feed.acting.speed_rpm - 5.0)

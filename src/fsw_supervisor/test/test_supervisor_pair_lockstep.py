@@ -240,7 +240,7 @@ class OneStops(Lockstep):
 
     @invariant()
     def time_continues_under_one_leader(self):
-        """As long as one runs; the one that goes on last gives way."""
+        """As long as one runs; the one that continues last gives way."""
         if all(member.stopped for member in self.world.members):
             return
         world, count, end_s = self.world, len(self.world.terms), self.world.now_s + PATIENT_S

@@ -344,7 +344,7 @@ def test_a_good_sample_that_is_held_frees_no_safe_stop(rig):
 def test_restart_keeps_the_safe_stop(make_rig, why, drives, lockstep):
     """The controllers have seen whose command is in force.
 
-    A cause that is still there need not be believed anew.
+    A cause that is still there needs no new samples to count.
     """
     rig = make_rig(lockstep=lockstep)
     for _ in range(15):
@@ -469,7 +469,7 @@ def test_a_blind_manual_mode_ends_in_a_safe_stop(make_rig, sensor):
         rig.run(20)
         rig.values.update(good)
         rig.run(10)
-    assert rig.last.source == "manual", "the time counts anew once all are valid"
+    assert rig.last.source == "manual", "the time restarts once all are valid"
     rig.values[sensor] = NAN
     rig.run(26)
     assert rig.last.source == "safe_stop"

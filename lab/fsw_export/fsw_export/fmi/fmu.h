@@ -7,7 +7,7 @@
 
 #include "variables.h"
 
-/* Start anew from the parameters. Returns 0; 1 with a message of one line when that is not possible. */
+/* Start again from the parameters. Returns 0, or 1 with a message of one line if that fails. */
 int fmu_start(fmu_unit *unit, fmu_reals *real, fmu_integers *integer, fmu_booleans *boolean, char *message);
 
 /* One step of FMU_STEP_S: from parameters, inputs and memory to outputs and memory. Returns 0; 1 with a message when it is

@@ -34,7 +34,7 @@ export function openForm({ title, fields = [], summary = () => "", lack = () => 
   byId("dialogs").append(dialog);
   opened = { dialog, opener: /** @type {HTMLElement?} */ (document.activeElement), closed };
   renew();
-  const timer = setInterval(() => (dialog.isConnected ? renew() : clearInterval(timer)), 500); // the weld goes on meanwhile
+  const timer = setInterval(() => (dialog.isConnected ? renew() : clearInterval(timer)), 500); // the weld continues meanwhile
   dialog.show();
 }
 

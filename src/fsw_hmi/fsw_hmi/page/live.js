@@ -83,7 +83,7 @@ export class LivePage {
     this.#judge();
   }
 
-  /** A connection begins: what is shown is built anew from what the server says. */
+  /** A connection begins: rebuild the view from the server's first frame. */
   #begin(/** @type {Hello} */ hello) {
     const isNew = hello.session !== this.hello?.session; // another weld is told by a hello, too, on the same connection
     const hadControl = this.control.you;

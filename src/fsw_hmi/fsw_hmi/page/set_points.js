@@ -44,7 +44,7 @@ export function resume(page, run) {
       const goal = { depth_mm: progress?.depth_mm ?? NaN, temperature_c: progress?.temperature_c ?? NaN };
       page.trends?.preview(progress?.left ? ramp(page, inForce(page), goal, false) : null);
       if (!progress?.left) return "The programme's set-points are in force.";
-      const how = progress.way_back_s ? `back to the programme by a ramp of ${lasting(progress.way_back_s)}` : "the programme goes on where it is";
+      const how = progress.way_back_s ? `back to the programme by a ramp of ${lasting(progress.way_back_s)}` : "the programme continues where it is";
       return [changes(inForce(page), goal), how].filter(Boolean).join("; ");
     },
     confirm: "Resume the weld",

@@ -83,7 +83,7 @@ export class Trends {
     this.charts = [];
   }
 
-  /** Show the other pair in place of this one. */
+  /** Show the other pair instead of this one. */
   #swap() {
     this.destroy();
     this.root.replaceChildren();
