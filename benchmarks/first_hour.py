@@ -214,16 +214,16 @@ def _dist(name: str) -> str:
 
 def lost(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Rows in which this project needs more than the best of the others."""
-    found = []
+    losses = []
     for key, (title, unit, digits) in ROWS.items():
         best = min((name for name in figures if name != OURS), key=lambda name: figures[name][key])
         own, other = figures[OURS][key], figures[best][key]
         if round(own, digits) > round(other, digits):
             title = title or ROWS["example_lines"][0]
-            found.append(
+            losses.append(
                 f"{title}: {own:.{digits}f} {unit}, {best} {other:.{digits}f}".replace(" ,", ",")
             )
-    return found
+    return losses
 
 
 def rows(figures: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:

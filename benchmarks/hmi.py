@@ -96,8 +96,8 @@ async def watch(
 ) -> _benchmark.Figures:
     """Open the pages, and measure for so long when they are open."""
     with urlopen(url) as response:
-        found = re.search(r'name="build" content="(\w+)"', response.read().decode())
-    build = found[1] if found else ""
+        match = re.search(r'name="build" content="(\w+)"', response.read().decode())
+    build = match[1] if match else ""
     ages_s: list[float] = []
     jobs = [
         asyncio.create_task(view(url, build, ages_s, "" if i else token)) for i in range(viewers)

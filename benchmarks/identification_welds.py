@@ -60,7 +60,7 @@ def welded(name, plant, event=None):
     overrides = [f"plant.{name}={json.dumps(of)}" for name, of in plant.items()]
     content = content_of(text_of(name))
     if event is not None:
-        content["events"] = sorted([*content["events"], event], key=lambda one: one["at_s"])
+        content["events"] = sorted([*content["events"], event], key=lambda entry: entry["at_s"])
     scenario = parse(yaml.safe_dump(content), name, overrides)
     return ClosedLoop(scenario, {"decentral": make("decentral:conservative")}).run()
 

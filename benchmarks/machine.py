@@ -50,9 +50,9 @@ def machine_file(folder: Path, secure: bool) -> Path:
     """The shipped machine file for a free port, with certificates of its own if wanted."""
     shipped = machine_server.MACHINE_FILE
     content = yaml.safe_load(shipped.read_text(encoding="utf-8"))
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        content["endpoint"] = f"opc.tcp://127.0.0.1:{one.getsockname()[1]}/fsw"
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        content["endpoint"] = f"opc.tcp://127.0.0.1:{probe.getsockname()[1]}/fsw"
     if secure:
         content |= yaml.safe_load(machine_server.make_certificates(folder))
     path = folder / "machine.yaml"
@@ -108,9 +108,11 @@ def measure(cycles: int, secure: bool) -> _benchmark.Figures:
         launcher.stop()
         measured = json.loads(report.read_text(encoding="utf-8"))
     window = slice(-cycles - AT_THE_END, -AT_THE_END)
-    latencies_ms = sorted(1e3 * one for one in measured["latencies_s"][window] if one is not None)
+    latencies_ms = sorted(
+        1e3 * latency_s for latency_s in measured["latencies_s"][window] if latency_s is not None
+    )
     intervals_ms = [1e3 * (b - a) for a, b in pairwise(measured["begun_s"][window])]
-    off_ms = sorted(abs(one - 1e3 * weld.TICK_S) for one in intervals_ms)
+    off_ms = sorted(abs(interval_ms - 1e3 * weld.TICK_S) for interval_ms in intervals_ms)
     kind = "secure" if secure else "plain"
     figures: _benchmark.Figures = {
         "cycles": len(intervals_ms) + 1,

@@ -92,9 +92,9 @@ class PageProbe:
 
     def look(self) -> None:
         """Ask it now."""
-        found = re.search(r"http://\S+", self._launcher.children["page"].text())
+        address = re.search(r"http://\S+", self._launcher.children["page"].text())
         try:
-            with urlopen(found[0] if found else "", timeout=0.5) as response:
+            with urlopen(address[0] if address else "", timeout=0.5) as response:
                 self.is_there = response.status == 200
         except (URLError, OSError, ValueError):
             self.is_there = False
@@ -222,7 +222,8 @@ class FaultyGraph(Spinner):
         """Largest move of the set-points that the machine accepted from what it had in force."""
         log = self._launcher.children["machine"].log.read_text(encoding="utf-8")
         return max(
-            (float(one) for one in re.findall(r"largest move so far: ([\d.]+)", log)), default=1.0
+            (float(move) for move in re.findall(r"largest move so far: ([\d.]+)", log)),
+            default=1.0,
         )
 
     def bags(self) -> dict[str, int]:

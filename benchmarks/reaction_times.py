@@ -196,9 +196,9 @@ class _Weld:
             if source == "safe_stop" and not (failed and case.silent):
                 stopped = ", ".join(decision.reason.interlocks) or decision.reason.words
         else:
-            one, source = proposals[ACTIVE], ACTIVE
+            proposal, source = proposals[ACTIVE], ACTIVE
             self._applied = self._limits.clip(
-                one.command if one.healthy else self._applied, self._applied
+                proposal.command if proposal.healthy else self._applied, self._applied
             )
         truth = plant.truth()
         if not (failed and case.silent):
@@ -262,8 +262,8 @@ def measured(case: Fault, seeds: Sequence[int] = SEEDS) -> _benchmark.Figures:
         [_run(case, seed, protected) for seed in seeds] for protected in (True, False)
     )
     _, unit, sign = QUANTITIES[case.limit]
-    slowest = max(with_, key=lambda one: one.stop_s if one.cause else inf)
-    passed = [one.limit_s for one in without if one.limit_s == one.limit_s]
+    slowest = max(with_, key=lambda run: run.stop_s if run.cause else inf)
+    passed = [run.limit_s for run in without if run.limit_s == run.limit_s]
     return {
         "hazard": case.hazard,
         "fault": case.name,
@@ -273,12 +273,12 @@ def measured(case: Fault, seeds: Sequence[int] = SEEDS) -> _benchmark.Figures:
         else None,
         "by": slowest.cause,
         "process_safety_s": round(min(passed), 1) if passed else None,
-        "beyond_s": round(max(one.beyond_s for one in with_), 1),
+        "beyond_s": round(max(run.beyond_s for run in with_), 1),
         "worst_with_reaction": round(
-            sign * max(sign * one.worst for one in with_), 1 + (unit == "mm")
+            sign * max(sign * run.worst for run in with_), 1 + (unit == "mm")
         ),
         "worst_without_reaction": round(
-            sign * max(sign * one.worst for one in without), 1 + (unit == "mm")
+            sign * max(sign * run.worst for run in without), 1 + (unit == "mm")
         ),
         "unit": unit,
     }

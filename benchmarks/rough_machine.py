@@ -87,7 +87,7 @@ def measured(task):
     """Judged figures of the controllers on a machine."""
     plant = {"seed": task.index + 1, **task.factors, **KINDS[task.kind]}
     known = identify(Weld("identified", welded("identify_closed_loop", plant)))
-    found = {"task": task, "machine": known.machine}
+    row = {"task": task, "machine": known.machine}
     with tempfile.TemporaryDirectory() as folder:
         model, machine = Path(folder) / "model.yaml", Path(folder) / "machine.yaml"
         model.write_text(known.text, encoding="utf-8")
@@ -101,10 +101,10 @@ def measured(task):
             for case in CASES:
                 values, unhealthy = figures_of(label, case, plant, parameters, task.kind == SILENT)
                 keys = [key for key in JUDGED if key.startswith(f"{case} ")]
-                found |= {(name, key): values[key.partition(" ")[2]] for key in keys}
-                found[name, f"{case} unhealthy"] = unhealthy
-                found[name, f"{case} moved"] = values["total_variation_speed_rpm"]
-    return found
+                row |= {(name, key): values[key.partition(" ")[2]] for key in keys}
+                row[name, f"{case} unhealthy"] = unhealthy
+                row[name, f"{case} moved"] = values["total_variation_speed_rpm"]
+    return row
 
 
 def ratios(rows, name, key):

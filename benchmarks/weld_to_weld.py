@@ -68,8 +68,8 @@ def series(job):
     model, prior, rows, strange = None, None, [], 0
     for weld in range(WELDS):
         signals = ordinary(truth, 100 * index + weld)
-        found = identify(Weld("weld", signals), start=model, prior=prior)
-        fit = found.fit
+        estimate = identify(Weld("weld", signals), start=model, prior=prior)
+        fit = estimate.fit
         rows.append(
             {
                 name: (
@@ -80,7 +80,7 @@ def series(job):
             }
         )
         strange += any(size > STRANGE for size in fit.moved.values())
-        model, prior = found.parameters, found.covariance
+        model, prior = estimate.parameters, estimate.covariance
         steps = np.exp(STEP * generator.standard_normal(len(names)))
         truth = truth.scaled(**dict(zip(names, map(float, steps), strict=True)))
     return rows, strange, float(signals.time_s[-1]) / 60.0
@@ -88,7 +88,7 @@ def series(job):
 
 def figures(runs):
     """RMS of errors [%] and deviations, and shares of true values inside the intervals."""
-    found = {
+    summary = {
         "machines": len(runs),
         "strange": sum(strange for _, strange, _ in runs),
         "minutes": max(minutes for *_, minutes in runs),
@@ -96,19 +96,19 @@ def figures(runs):
     for after in AFTER:
         welds = [rows[after - 1] for rows, *_ in runs]
         for name in SHOWN:
-            values = [one[name] for one in welds if name in one]
+            values = [weld[name] for weld in welds if name in weld]
             for word, of in zip(("error", "std"), np.square(values).T, strict=True):
-                found[f"{name} {word} {after}"] = 100.0 * float(np.sqrt(np.mean(of)))
+                summary[f"{name} {word} {after}"] = 100.0 * float(np.sqrt(np.mean(of)))
     by_name = {}
-    for name, (error, std) in (one for rows, *_ in runs for row in rows for one in row.items()):
+    for name, (error, std) in (item for rows, *_ in runs for row in rows for item in row.items()):
         by_name.setdefault(name, []).append(abs(error) < _95 * std)
-    found["doubtful"] = min(by_name, key=lambda name: np.mean(by_name[name]))
-    found["doubtful inside"] = 100.0 * float(np.mean(by_name[found["doubtful"]]))
-    every = [one for rows, *_ in runs for row in rows for one in row.values()]
-    found["values"] = len(every)
-    found["inside"] = 100.0 * float(np.mean([abs(error) < _95 * std for error, std in every]))
-    found["largest"] = max(abs(error) / std for error, std in every)
-    return found
+    summary["doubtful"] = min(by_name, key=lambda name: np.mean(by_name[name]))
+    summary["doubtful inside"] = 100.0 * float(np.mean(by_name[summary["doubtful"]]))
+    every = [value for rows, *_ in runs for row in rows for value in row.values()]
+    summary["values"] = len(every)
+    summary["inside"] = 100.0 * float(np.mean([abs(error) < _95 * std for error, std in every]))
+    summary["largest"] = max(abs(error) / std for error, std in every)
+    return summary
 
 
 def measure(quick):

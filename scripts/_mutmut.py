@@ -98,20 +98,20 @@ def _forget_survivors() -> None:
 
 def _tell() -> None:
     """Print the verdict of each mutant, with the change unless a test failed."""
-    found = []
+    verdicts = []
     for path in walk_mutatable_files():
         data = SourceFileMutationData(path=path)
         data.load()
         for name, code in data.exit_code_by_key.items():
             verdict = status_by_exit_code[code]
-            found.append(
+            verdicts.append(
                 (
                     name,
                     verdict,
                     "" if verdict == "killed" else get_diff_for_mutant(name, path=path),
                 )
             )
-    print(json.dumps(found))
+    print(json.dumps(verdicts))
 
 
 if __name__ == "__main__":

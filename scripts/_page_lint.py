@@ -23,7 +23,7 @@ def lint() -> int:
     except npm.NpmError as error:
         print(f"SKIPPED, the page is not checked: {error}", flush=True)
         return 0
-    found = npm.find()
-    assert found is not None
-    lint_page = [str(found), "run", "--silent", "lint"]
-    return subprocess.run(lint_page, cwd=npm.PACKAGE, env=npm.environment(found)).returncode
+    program = npm.find()
+    assert program is not None
+    lint_page = [str(program), "run", "--silent", "lint"]
+    return subprocess.run(lint_page, cwd=npm.PACKAGE, env=npm.environment(program)).returncode

@@ -20,10 +20,10 @@ def parse(graph: str) -> tuple[dict[str, list[str]], list[tuple[str, str, str]]]
     words: dict[str, list[str]] = {}
     arrows = []
     for line in graph.strip().splitlines()[1:]:
-        found = _ARROW.fullmatch(line)
-        if found is None:
+        match = _ARROW.fullmatch(line)
+        if match is None:
             raise ValueError(f"a line of a block diagram is no arrow: {line}")
-        begin, begin_text, label, end, end_text = found.groups()
+        begin, begin_text, label, end, end_text = match.groups()
         for name, text in ((begin, begin_text), (end, end_text)):
             if text or name not in words:
                 words[name] = (text or name).split("<br/>")
@@ -39,26 +39,26 @@ def columns(
     loops: set[tuple[str, str]] = set()
 
     def reaches(name: str, other: str) -> bool:
-        return name == other or any(reaches(one, other) for one in after[name])
+        return name == other or any(reaches(block, other) for block in after[name])
 
     for begin, end, _ in arrows:
         if reaches(end, begin):
             loops.add((begin, end))
         else:
             after[begin].append(end)
-    before = {name: [one for one in words if name in after[one]] for name in words}
+    before = {name: [block for block in words if name in after[block]] for name in words}
 
     def rank(name: str) -> int:
-        return max((rank(one) + 1 for one in before[name]), default=0)
+        return max((rank(block) + 1 for block in before[name]), default=0)
 
     ranks = {name: rank(name) for name in words}
     for name in words:  # an input stands beside what it leads to
         if not before[name]:
-            ranks[name] = min((ranks[one] for one in after[name]), default=1) - 1
+            ranks[name] = min((ranks[block] for block in after[name]), default=1) - 1
     in_loops = {name for loop in loops for name in loop}
     ordered = sorted(words, key=lambda name: name not in in_loops)
     return [
-        [one for one in ordered if ranks[one] == i] for i in range(max(ranks.values()) + 1)
+        [block for block in ordered if ranks[block] == i] for i in range(max(ranks.values()) + 1)
     ], loops
 
 
@@ -67,16 +67,16 @@ def svg(graph: str, title: str) -> str:
     words, arrows = parse(graph)
     stacks, loops = columns(words, arrows)
     height = {name: _LINE * len(text) + 2 * _MARGIN for name, text in words.items()}
-    tall = [sum(height[one] + _ROW for one in stack) - _ROW for stack in stacks]
+    tall = [sum(height[block] + _ROW for block in stack) - _ROW for stack in stacks]
     top = _TOP if loops else 4
     boxes: dict[str, tuple[float, float, float]] = {}  # left, middle, width
     left = 4.0
     for stack, own in zip(stacks, tall, strict=True):
-        width = max(len(line) for one in stack for line in words[one]) * _LETTER + 2 * _MARGIN
+        width = max(len(line) for block in stack for line in words[block]) * _LETTER + 2 * _MARGIN
         y = top + 0.5 * (max(tall) - own)
-        for one in stack:
-            boxes[one] = (left, y + 0.5 * height[one], width)
-            y += height[one] + _ROW
+        for block in stack:
+            boxes[block] = (left, y + 0.5 * height[block], width)
+            y += height[block] + _ROW
         labels = [
             len(label)
             for begin, end, label in arrows

@@ -94,10 +94,10 @@ def with_packages(page: str) -> str:
         lines.append("    end")
 
     def below(name: str) -> set[str]:
-        return imports[name] | {other for one in imports[name] for other in below(one)}
+        return imports[name] | {other for package in imports[name] for other in below(package)}
 
     for name, direct in imports.items():
-        far = {other for one in direct for other in below(one)}
+        far = {other for package in direct for other in below(package)}
         lines += [f"    {name} --> {other}" for other in sorted(direct - far)]
     drawing = "\n".join([*lines, "```"])
     pattern = r"(<!-- packages: begin -->\n\n).*?(\n\n<!-- packages: end -->)"

@@ -31,13 +31,13 @@ NOTE = "<!-- Written by scripts/build_gallery.py. Change the notebook, not this 
 
 def cells(text: str) -> list[tuple[bool, str]]:
     """Whether each cell is text, and its content."""
-    found = []
+    parts = []
     for part in re.split(r"^# %%", text, flags=re.MULTILINE)[1:]:
         kind, _, content = part.partition("\n")
         if "[markdown]" in kind:
             content = re.sub(r"^# ?", "", content, flags=re.MULTILINE)
-        found.append(("[markdown]" in kind, content.strip()))
-    return found
+        parts.append(("[markdown]" in kind, content.strip()))
+    return parts
 
 
 class Page:

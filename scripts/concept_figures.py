@@ -94,7 +94,7 @@ def nmpc_plan(file: Path, now_s: float = 22.0, ahead_s: float = 15.0) -> None:
 def nmpc_estimates(file: Path) -> None:
     """Disturbances of the outputs, and what the estimator takes for them."""
     signals = weld("output_disturbances", "nmpc").signals
-    found, truth = signals.statuses["nmpc"].disturbances, signals.truth
+    estimates, truth = signals.statuses["nmpc"].disturbances, signals.truth
     shown = (
         ("offset of depth [mm]", "depth", "mm", truth.depth_disturbance_mm),
         ("offset of temperature [°C]", "temperature", "c", truth.temperature_disturbance_c),
@@ -103,7 +103,10 @@ def nmpc_estimates(file: Path) -> None:
     with sheet(9.0, 6.0, file) as figure:
         axes = figure.subplots(3, 1, sharex=True)
         for axis, (label, name, unit, true) in zip(axes, shown, strict=True):
-            middle, spread = found[f"{name}_{unit}"], 2.0 * found[f"{name}_deviation_{unit}"]
+            middle, spread = (
+                estimates[f"{name}_{unit}"],
+                2.0 * estimates[f"{name}_deviation_{unit}"],
+            )
             axis.fill_between(signals.time_s, middle - spread, middle + spread, **_BAND)
             axis.plot(signals.time_s, middle, **CONTROLLERS["nmpc"].line, label="estimate")
             axis.plot(signals.time_s, true, **_DOTTED, label="in the plant")
@@ -143,7 +146,7 @@ def _down_and_along(
 def known_heat(file: Path) -> None:
     """Heat computed and learned beforehand, and the temperature with it and without."""
     lag_s, digest = Actuators().lag_s, "0" * 64
-    taught, drawn = (_down_and_along(one, seed) for one, seed in ((_TAUGHT, 1), ({}, 2)))
+    taught, drawn = (_down_and_along(factors, seed) for factors, seed in ((_TAUGHT, 1), ({}, 2)))
     learned = learn([("taught", digest, taught)], "lid", nominal(), lag_s)
     computed = learn([("drawn", digest, drawn)], "lid", learned.model, lag_s, True, True).profile
     known = (

@@ -171,19 +171,19 @@ def _package(name: str) -> str:
 
 def count(revision: str) -> Counter[tuple[str, str]]:
     """Code lines by package and language."""
-    found: Counter[tuple[str, str]] = Counter()
+    counts: Counter[tuple[str, str]] = Counter()
     for name, text in sources(revision):
         language = LANGUAGES[Path(name).suffix]
-        found[_package(name), language] += code_lines(text, language)
-    return found
+        counts[_package(name), language] += code_lines(text, language)
+    return counts
 
 
 def totals(lines: Counter[tuple[str, str]]) -> Counter[tuple[str, str]]:
     """Code lines by distribution and language."""
-    found: Counter[tuple[str, str]] = Counter()
+    counts: Counter[tuple[str, str]] = Counter()
     for (package, language), number in lines.items():
-        found[DISTRIBUTIONS.get(package.partition("/")[0], "other"), language] += number
-    return found
+        counts[DISTRIBUTIONS.get(package.partition("/")[0], "other"), language] += number
+    return counts
 
 
 def _print(

@@ -166,10 +166,10 @@ def python_mutants(package: str, only: str) -> list[Mutant]:
         return []
     mutmut = [sys.executable, str(SCRIPT.with_name("_mutmut.py"))]
     subprocess.run([*mutmut, "run"], cwd=folder, check=True)
-    told = subprocess.run(
+    listing = subprocess.run(
         [*mutmut, "tell"], cwd=folder, capture_output=True, text=True, check=True
     ).stdout
-    return [_described(*one) for one in json.loads(told)]
+    return [_described(*fields) for fields in json.loads(listing)]
 
 
 def _described(name: str, verdict: str, difference: str) -> Mutant:
@@ -279,9 +279,9 @@ def reason(mutant: Mutant, tolerated: list[dict[str, str]]) -> str:
 def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     """The result as Markdown."""
     left = [
-        (one, reason(one, tolerated))
-        for one in mutants
-        if not is_noticed(one) and one.verdict != _NOT_TRIED
+        (mutant, reason(mutant, tolerated))
+        for mutant in mutants
+        if not is_noticed(mutant) and mutant.verdict != _NOT_TRIED
     ]
     lines = [
         "# Mutation testing",
@@ -309,13 +309,13 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
         "noticed of those tried [%]",
     )
     rows: list[tuple[object, ...]] = [("module", *columns)]
-    for module in [*dict.fromkeys(one.module for one in mutants), ""]:
-        here = [one for one in mutants if not module or one.module == module]
-        tried = sum(one.verdict != _NOT_TRIED for one in here)
+    for module in [*dict.fromkeys(mutant.module for mutant in mutants), ""]:
+        here = [mutant for mutant in mutants if not module or mutant.module == module]
+        tried = sum(mutant.verdict != _NOT_TRIED for mutant in here)
         kinds = Counter(
             "tolerated" if why else "survived"
-            for one, why in left
-            if not module or one.module == module
+            for mutant, why in left
+            if not module or mutant.module == module
         )
         noticed = tried - kinds.total()
         share = f"{100.0 * noticed / tried:.1f}" if tried else ""
@@ -333,15 +333,17 @@ def page(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
 def listing(mutants: list[Mutant], tolerated: list[dict[str, str]]) -> str:
     """The changes that were not noticed, as CSV; first those that a test should notice."""
     left = [
-        (reason(one, tolerated), one)
-        for one in mutants
-        if not is_noticed(one) and one.verdict != _NOT_TRIED
+        (reason(mutant, tolerated), mutant)
+        for mutant in mutants
+        if not is_noticed(mutant) and mutant.verdict != _NOT_TRIED
     ]
     text = StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["where", "change", "reached by a test", "why it is tolerated"])
-    for why, one in sorted(left, key=lambda entry: bool(entry[0])):
-        rows.writerow([f"{one.module}.{one.where}", one.change, one.verdict != "no tests", why])
+    for why, mutant in sorted(left, key=lambda entry: bool(entry[0])):
+        rows.writerow(
+            [f"{mutant.module}.{mutant.where}", mutant.change, mutant.verdict != "no tests", why]
+        )
     return text.getvalue()
 
 
@@ -372,7 +374,7 @@ def main() -> int:
     # threads of the matrix library on as many processors as there are wait for each other for most
     # of the time
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    mutants = [one for package in MODULES for one in python_mutants(package, arguments.only)]
+    mutants = [mutant for package in MODULES for mutant in python_mutants(package, arguments.only)]
     mutants += c_mutants(arguments.only)
     tolerated = yaml.safe_load(MUTANTS.read_text(encoding="utf-8"))["tolerated"]
     text, unnoticed = page(mutants, tolerated), listing(mutants, tolerated)

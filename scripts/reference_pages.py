@@ -95,7 +95,7 @@ def page(title: str, *lines: str) -> str:
 def node_parameters() -> dict[str, type[NodeParameters]]:
     """Models of the nodes' parameters, by the name of their schema and page."""
     models = {name: loaded(GROUP, name) for name in kinds()}
-    return {name: one for name, one in models.items() if issubclass(one, NodeParameters)}
+    return {name: model for name, model in models.items() if issubclass(model, NodeParameters)}
 
 
 def parameters() -> dict[str, str]:
@@ -165,20 +165,20 @@ def model_tables(model: type[Model], heading: str = "##") -> list[str]:
     """A table of the keys of a model, and one of each model inside it."""
     schema = json_schema(model)
     lines = []
-    for name, one in [("", schema), *schema.get("$defs", {}).items()]:
-        required = one.get("required", [])
+    for name, definition in [("", schema), *schema.get("$defs", {}).items()]:
+        required = definition.get("required", [])
         rows = []
-        if "enum" in one:
+        if "enum" in definition:
             lines += [
                 "",
                 f"{heading} {title(name)}",
                 "",
-                one.get("description", ""),
+                definition.get("description", ""),
                 "",
-                allowed(one),
+                allowed(definition),
             ]
             continue
-        for key, value in one["properties"].items():
+        for key, value in definition["properties"].items():
             default = (
                 f"`{json.dumps(value['default'])}`"
                 if "default" in value
@@ -195,7 +195,7 @@ def model_tables(model: type[Model], heading: str = "##") -> list[str]:
                 )
             )
         lines += ["", f"{heading} {title(name) if name else 'Keys'}", ""]
-        lines += [one["description"], ""] if name else []
+        lines += [definition["description"], ""] if name else []
         lines += table(("key", "value", "default", "meaning"), rows)
     return lines
 
@@ -215,7 +215,7 @@ def allowed(value: dict[str, Any]) -> str:
     if value.get("type") == "array":
         return f"list: {allowed(value['items'])}"
     if "enum" in value or "const" in value:
-        return ", ".join(f"`{one}`" for one in value.get("enum", [value.get("const")]))
+        return ", ".join(f"`{choice}`" for choice in value.get("enum", [value.get("const")]))
     if "minimum" in value:
         return str(Range(value["minimum"], value["maximum"], value.get("unit", "")))
     words = {"object": "mapping", "boolean": "`true`, `false`", "string": "text"}
@@ -228,8 +228,8 @@ def scenarios() -> dict[str, str]:
     """A page of the keys and ranges of scenario files, and of the shipped scenarios."""
     loaded = [scenario_file.load(name) for name in scenario_file.shipped()]
     shipped = [
-        (f"`{one.name}`", f"{one.duration_s:g}", " ".join(one.description.split()))
-        for one in loaded
+        (f"`{scenario.name}`", f"{scenario.duration_s:g}", " ".join(scenario.description.split()))
+        for scenario in loaded
     ]
     changes = "; ".join(
         f"`{name}` by {step:g} {unit} at once, {rate:g} {unit}/s as a ramp"
@@ -300,7 +300,9 @@ def evidence() -> dict[str, str]:
 def command_line() -> str:
     """A page of all commands with their arguments."""
     verbs = next(
-        one for one in operator_parser()._actions if isinstance(one, argparse._SubParsersAction)
+        action
+        for action in operator_parser()._actions
+        if isinstance(action, argparse._SubParsersAction)
     ).choices
     lines = [
         "`scripts/fsw.py` has a verb for everything; "
@@ -339,7 +341,9 @@ def command(parser: argparse.ArgumentParser) -> list[str]:
     ]
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            lines += [line for one in action.choices.values() for line in command(one)]
+            lines += [
+                line for subcommand in action.choices.values() for line in command(subcommand)
+            ]
     return lines
 
 

@@ -61,7 +61,7 @@ def marked(
 
     Without ``full`` those are left out that only ``scripts/test.py --full`` runs.
     """
-    found: dict[str, list[tuple[Path, str]]] = {}
+    marks: dict[str, list[tuple[Path, str]]] = {}
     for path in test_files() if paths is None else paths:
         text = path.read_text(encoding="utf-8")
         if not full and re.search(r"^pytestmark = .*pytest\.mark\.full\b", text, re.MULTILINE):
@@ -75,11 +75,11 @@ def marked(
                         isinstance(mark, ast.Call)
                         and ast.unparse(mark.func) == "pytest.mark.requirement"
                     ):
-                        for one in mark.args:
-                            found.setdefault(str(ast.literal_eval(one)), []).append(
+                        for argument in mark.args:
+                            marks.setdefault(str(ast.literal_eval(argument)), []).append(
                                 (path, node.name)
                             )
-    return found
+    return marks
 
 
 @cache
@@ -100,20 +100,26 @@ def faults(
 ) -> list[str]:
     """What is wrong with the safety case, whose hazards are on a page; one line each."""
     named = set(re.findall(r"\bS\d+\b", page))
-    found = [
-        f"{one}: no test has @pytest.mark.requirement({one!r})"
-        for one in requirements
-        if one not in tests
+    gaps = [
+        f"{requirement}: no test has @pytest.mark.requirement({requirement!r})"
+        for requirement in requirements
+        if requirement not in tests
     ]
-    found += [f"{one}: in no hazard of {PAGE.name}" for one in requirements if one not in named]
-    found += [
-        f"{one}: {PAGE.name} names it, {REQUIREMENTS.name} does not"
-        for one in sorted(named - set(requirements))
+    gaps += [
+        f"{requirement}: in no hazard of {PAGE.name}"
+        for requirement in requirements
+        if requirement not in named
     ]
-    for one in sorted(set(tests) - set(requirements)):
-        places = ", ".join(f"{path.name}::{name}" for path, name in tests[one])
-        found.append(f"{one}: the mark of {places} names no requirement of {REQUIREMENTS.name}")
-    return found
+    gaps += [
+        f"{requirement}: {PAGE.name} names it, {REQUIREMENTS.name} does not"
+        for requirement in sorted(named - set(requirements))
+    ]
+    for requirement in sorted(set(tests) - set(requirements)):
+        places = ", ".join(f"{path.name}::{name}" for path, name in tests[requirement])
+        gaps.append(
+            f"{requirement}: the mark of {places} names no requirement of {REQUIREMENTS.name}"
+        )
+    return gaps
 
 
 def table(
@@ -123,14 +129,14 @@ def table(
 ) -> str:
     """Requirements, their tests and the last outcome as Markdown."""
     rows = [("", "requirement", "tests", "last run")]
-    for one, text in requirements.items():
+    for requirement, text in requirements.items():
         files: dict[str, list[str]] = {}
-        for path, name in sorted(tests.get(one, [])):
+        for path, name in sorted(tests.get(requirement, [])):
             files.setdefault(path.name, []).append(f"`{name}`")
         shown = "<br>".join(
             f"{name}: {', '.join(sorted(set(names)))}" for name, names in files.items()
         )
-        rows.append((one, " ".join(text.split()), shown, outcome(results, one)))
+        rows.append((requirement, " ".join(text.split()), shown, outcome(results, requirement)))
     return "\n".join([HEAD, *_last_run(results), "", report.table(rows, words=None), ""])
 
 
@@ -176,8 +182,8 @@ def with_tables(
         "skipped": [],
         "not run": [],
     }
-    for one in requirements:
-        groups[_verdict(results["requirements"].get(one, {}))].append(one)
+    for requirement in requirements:
+        groups[_verdict(results["requirements"].get(requirement, {}))].append(requirement)
     total, passed = sum(map(len, groups.values())), len(groups.pop("passed"))
     rest = "; ".join(f"{name}: {', '.join(ones) or 'none'}" for name, ones in groups.items())
     summary = f"Passed with all their tests: {passed} of {total} requirements; {rest}."
@@ -280,12 +286,12 @@ def publish(arguments: list[str]) -> int:
     commit, date = git("rev-parse", "--short=10", "HEAD"), git("show", "-s", "--format=%cs")
     outcomes = _Outcomes()
     code = pytest.main([*chosen, "-q", "-p", "no:cacheprovider"], plugins=[outcomes])
-    order = sorted(outcomes.counts, key=lambda one: int(one[1:]))
+    order = sorted(outcomes.counts, key=lambda requirement: int(requirement[1:]))
     content = {
         "commit": commit,
         "date": date,
         "chosen": " ".join(f'"{word}"' if " " in word else word for word in ["pytest", *chosen]),
-        "requirements": {one: outcomes.counts[one] for one in order},
+        "requirements": {requirement: outcomes.counts[requirement] for requirement in order},
     }
     RESULTS.write_text(report.numbers(content), encoding="utf-8")
     return int(code)

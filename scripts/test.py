@@ -91,8 +91,8 @@ def rewrite_assertions() -> None:
         subprocess.Popen([*collect, *half], cwd=WORKSPACE, stdout=subprocess.DEVNULL)
         for half in halves
     ]
-    for one in running:
-        one.wait()
+    for process in running:
+        process.wait()
 
 
 def main() -> int:
@@ -117,7 +117,7 @@ def main() -> int:
         chosen += " and not core"
     if OLDEST in arguments:
         chosen = "not slow and not full" if "--fast" in arguments else "not full"
-        arguments = [one for one in arguments if one not in (OLDEST, "--fast")]
+        arguments = [argument for argument in arguments if argument not in (OLDEST, "--fast")]
         given = arguments or [*OLDEST_TESTS, *PARALLEL]
         return run("pytest with the oldest supported versions", "pytest", "-m", chosen, *given)
     if "--lint" in arguments:
@@ -134,7 +134,7 @@ def main() -> int:
                 [sys.executable, WORKSPACE / "scripts" / "build_docs.py", "--check"]
             ).returncode
         )
-    arguments = [one for one in arguments if one not in ("--full", "--fast")]
+    arguments = [argument for argument in arguments if argument not in ("--full", "--fast")]
     if arguments or fast:
         codes.append(
             run(

@@ -27,13 +27,13 @@ PACKAGES = ("fsw_nmpc", "fsw_decentral", "fsw_plant")
 
 def zig_target(platform: str) -> str:
     """Target of zig for a platform tag, e.g. ``x86_64-linux-gnu.2.17``."""
-    found = re.fullmatch(r"manylinux_(\d+)_(\d+)_(x86_64|aarch64)", platform)
-    if found is None:
+    match = re.fullmatch(r"manylinux_(\d+)_(\d+)_(x86_64|aarch64)", platform)
+    if match is None:
         sys.exit(
             f"{PLATFORM}={platform}: give a tag such as manylinux_2_17_x86_64 or "
             "manylinux_2_17_aarch64"
         )
-    return f"{found[3]}-linux-gnu.{found[1]}.{found[2]}"
+    return f"{match[3]}-linux-gnu.{match[1]}.{match[2]}"
 
 
 class CustomBuildHook(BuildHookInterface[Any]):

@@ -52,14 +52,14 @@ PARTS, OF_ROS = r"(src|quality|lab|scripts|requirements)(/|$)", ("ros-jazzy-", "
 
 def commands():
     """Page and text of each command of ros2."""
-    found = {
+    names = {
         (page.name, part)
         for page in PAGES
         for line in doc_blocks.lines_of(page.read_text("utf-8"))
         for part in re.split(r" +(?:;|&&|#) *", line)
         if re.match(r"ros2 \w+ \S", part) and not NAMED.match(part)
     }
-    return sorted(found)
+    return sorted(names)
 
 
 def checked():
@@ -128,7 +128,9 @@ class Graph:
         if not node.has_parameter(rest[1]):
             return f"no parameter {rest[1]} of {rest[0]}"
         values = [Parameter(rest[1], value=yaml.safe_load(text)) for text in rest[2:]]
-        refused = [one.reason for one in node.set_parameters(values) if not one.successful]
+        refused = [
+            result.reason for result in node.set_parameters(values) if not result.successful
+        ]
         return refused[0] if refused else None
 
     def refused_program(self, package, executable, *words):
@@ -238,7 +240,10 @@ def required():
     for folder in ("", "quality", "lab"):
         project = tomllib.loads((WORKSPACE / folder / "pyproject.toml").read_text())["project"]
         extras = project["optional-dependencies"].values()
-        for text in (*project["dependencies"], *(one for extra in extras for one in extra)):
+        for text in (
+            *project["dependencies"],
+            *(requirement for extra in extras for requirement in extra),
+        ):
             yield Requirement(text).name
 
 

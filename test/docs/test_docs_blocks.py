@@ -45,8 +45,8 @@ def test_each_block_runs_or_is_checked():
 def test_commands_that_this_file_checks_run_elsewhere():
     """On another page, or in ``.ci/run``, with the options that choose the tests."""
     every = [block for path in doc_blocks.pages() for block in doc_blocks.blocks(path)]
-    [block] = [one for one in every if one.checked_by == Path(__file__)]
-    run = [line for one in every if not one.checked_by for line in one.commands]
+    [block] = [block for block in every if block.checked_by == Path(__file__)]
+    run = [line for block in every if not block.checked_by for line in block.commands]
     core = (doc_blocks.WORKSPACE / "scripts/_core.py").read_text("utf-8")
     run += [f"python3 {demo}" for demo in re.findall(r'^DEMO = \["(.*)"\]', core, re.MULTILINE)]
     ci = (doc_blocks.WORKSPACE / ".ci/run").read_text("utf-8").splitlines()

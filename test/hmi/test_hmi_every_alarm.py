@@ -112,7 +112,9 @@ class AlarmWeld(Spinner):
         self.parameters = node.create_client(
             SetParametersAtomically, "fsw_supervisor/set_parameters_atomically"
         )
-        self.emulator = {kind: node.create_client(*one) for kind, one in SERVICES.items()}
+        self.emulator = {
+            kind: node.create_client(*arguments) for kind, arguments in SERVICES.items()
+        }
         self.commands = self.another_journal = None
         self.statuses, self.closed = [], Event()
         self.reporter = Thread(target=self._keep_reporting)
@@ -169,7 +171,10 @@ class AlarmWeld(Spinner):
         # one whose library is still being compiled is not yet known
         self.page.seen(
             "state",
-            lambda frame: {"nmpc", "decentral"} <= {one["name"] for one in frame["controllers"]},
+            lambda frame: (
+                {"nmpc", "decentral"}
+                <= {controller["name"] for controller in frame["controllers"]}
+            ),
         )
         if self.page.frames["state"]["actual_controller"] != "nmpc":
             self.until_done("switch", controller="nmpc", wait_s=10)
@@ -249,11 +254,11 @@ class AlarmWeld(Spinner):
         """Wait until an alarm is in a state (``""``: gone) and says a text; returns its row."""
 
         def row(frame):
-            return next((one for one in frame["alarms"] if one["id"] == name), None)
+            return next((alarm for alarm in frame["alarms"] if alarm["id"] == name), None)
 
         def is_it(frame):
-            one = row(frame) or {"state": "", "text": ""}
-            return one["state"] == state and text in one["text"]
+            alarm = row(frame) or {"state": "", "text": ""}
+            return alarm["state"] == state and text in alarm["text"]
 
         return row(self.page.seen("alarms", is_it))
 
@@ -289,18 +294,18 @@ class AlarmWeld(Spinner):
         self.until(lambda: self.told(name)[-len(expected) :] == expected, f"the journal of {name}")
 
     def told(self, name):
-        return [AlarmChange(one.kind).word for one in self.journal if one.id == name]
+        return [AlarmChange(event.kind).word for event in self.journal if event.id == name]
 
     def seen(self):
-        return f"journal: {[(one.id, one.kind) for one in self.journal]}"
+        return f"journal: {[(event.id, event.kind) for event in self.journal]}"
 
 
 @pytest.fixture
 def graph(tmp_path):
     with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
-        one = AlarmWeld(domain, launcher)
-        yield one
-        one.close()
+        weld = AlarmWeld(domain, launcher)
+        yield weld
+        weld.close()
 
 
 def test_alarms_of_the_process(graph):
@@ -374,14 +379,16 @@ def inhibited(frame):
 
 def thawed(weld, *names):
     weld.signal(signal.SIGCONT, *names)
-    weld.page.seen("state", lambda frame: all(one["ready"] for one in frame["controllers"]))
+    weld.page.seen(
+        "state", lambda frame: all(controller["ready"] for controller in frame["controllers"])
+    )
     weld.until_auto()
 
 
 def test_alarm_of_a_failover(graph):
     weld = graph.weld()
     weld.page.seen(
-        "alarms", lambda frame: "active" not in {one["state"] for one in frame["alarms"]}
+        "alarms", lambda frame: "active" not in {alarm["state"] for alarm in frame["alarms"]}
     )
     text = "decentral commands in place of nmpc: no proposal at the deadline"
     weld.cycle(

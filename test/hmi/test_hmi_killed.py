@@ -33,16 +33,16 @@ def texts(content):
     if isinstance(content, dict | list):
         return [
             text
-            for one in (content.values() if isinstance(content, dict) else content)
-            for text in texts(one)
+            for value in (content.values() if isinstance(content, dict) else content)
+            for text in texts(value)
         ]
     return [content] if isinstance(content, str) else []
 
 
 @pytest.fixture
 def launcher(tmp_path):
-    with free_domain() as domain, Launcher(tmp_path / "log", domain) as one:
-        yield one
+    with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
+        yield launcher
 
 
 @pytest.mark.full
@@ -54,17 +54,18 @@ def test_each_process_that_is_killed_is_missed_and_one_that_is_back_is_not(launc
     )
     graph.start(launcher)
 
-    def told(frame, name, state):
+    def alarm_row(frame, name, state):
         return next(
-            (one for one in frame["alarms"] if (one["id"], one["state"]) == (name, state)), None
+            (alarm for alarm in frame["alarms"] if (alarm["id"], alarm["state"]) == (name, state)),
+            None,
         )
 
     def alarm(name, state, count=1):
         def is_it(frame):
-            one = told(frame, name, state)
-            return one and one["count"] >= count
+            alarm = alarm_row(frame, name, state)
+            return alarm and alarm["count"] >= count
 
-        return told(page.seen("alarms", is_it), name, state)
+        return alarm_row(page.seen("alarms", is_it), name, state)
 
     with Page(url) as page:
         page.command(wait_for_text(launcher, "hmi", r"token: \S+").split()[1])
@@ -72,7 +73,7 @@ def test_each_process_that_is_killed_is_missed_and_one_that_is_back_is_not(launc
             "state",
             lambda frame: (
                 frame["actual_mode"] == "auto"
-                and all(one["ready"] for one in frame["controllers"])
+                and all(controller["ready"] for controller in frame["controllers"])
             ),
         )
         page.seen("recording", lambda frame: frame["state"] == "recording")

@@ -82,7 +82,10 @@ def test_what_is_killed_is_started_again_and_an_interrupt_ends_everything(demo, 
     with Page(url) as page:
         page.command(token)
         page.seen(
-            "state", lambda frame: [one["ready"] for one in frame["controllers"]] == [True, True]
+            "state",
+            lambda frame: (
+                [controller["ready"] for controller in frame["controllers"]] == [True, True]
+            ),
         )
     wait_until(
         (tmp_path / "weld" / "bag_1").exists, "the bag of the recorder that was started again"
@@ -130,7 +133,9 @@ def test_page_outlives_a_killed_plant(demo, tmp_path):
     with Page(url) as page:
         page.until("tick")
         kill(tmp_path, "plant_node")
-        page.seen("alarms", lambda frame: "measurements" in {one["id"] for one in frame["alarms"]})
+        page.seen(
+            "alarms", lambda frame: "measurements" in {alarm["id"] for alarm in frame["alarms"]}
+        )
         wait_until(lambda: "plant has ended" in child.text(), "word of the plant's end")
         page.seen("beat")
         child.process.send_signal(signal.SIGINT)

@@ -149,7 +149,7 @@ def test_page_that_is_cut_off_keeps_form_and_control_and_sends_its_stop_first(fa
     expect(page.locator("#safe-stop")).to_contain_text("waits for the connection")
     fake.silent = False
     expect(page.locator("#who strong")).to_have_text("safe stop")
-    assert [one["do"] for one in fake.requests[before:]] == ["safe_stop"]  # no login again
+    assert [request["do"] for request in fake.requests[before:]] == ["safe_stop"]  # no login again
     expect(page.locator(".control")).to_have_text("Anna (you) has control.")
     expect(page.locator("dialog").get_by_label("Depth")).to_have_value("2.75")
 
@@ -538,8 +538,8 @@ def test_weld_is_unrolled_and_its_exceedances_lead_to_their_moments(fake, open_p
     fake.push()
     expect(page.locator("#verdict")).to_have_attribute("data-level", "medium")
     mark = page.locator(".exceedances button")
-    told = re.compile(r"Depth error outside, 143° to 144°, \d\d:\d\d:\d\d")
-    expect(mark).to_have_attribute("aria-label", told)
+    label = re.compile(r"Depth error outside, 143° to 144°, \d\d:\d\d:\d\d")
+    expect(mark).to_have_attribute("aria-label", label)
     assert page.locator(".way .medium").get_attribute("d")
     shot(page, "exceedance")
     mark.click()

@@ -78,7 +78,7 @@ def test_control_is_asked_for_and_handed_over(fake, person):
     )
     expect(otto.locator("dialog")).to_have_count(0)  # nor is anything sent by who has lost it
     expect(otto.get_by_role("button", name="Set-points")).to_be_disabled()
-    asked = [one["action"] for one in fake.actions if one["action"] != "log in"]
+    asked = [entry["action"] for entry in fake.actions if entry["action"] != "log in"]
     assert asked == ["take control", "request control", "hand over control"]
 
 

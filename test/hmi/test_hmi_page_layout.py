@@ -170,7 +170,7 @@ def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page,
         )
         texts = ["disk full" + i % 2 * " of what others record" for i in range(count)]
         fake.state["controllers"] = [
-            health | {"name": f"controller{i}", "reason": one} for i, one in enumerate(texts)
+            health | {"name": f"controller{i}", "reason": text} for i, text in enumerate(texts)
         ]
         fake.push()
         expect(page.locator("#controllers li")).to_have_count(count)
@@ -193,8 +193,8 @@ def test_no_line_of_the_controllers_and_actions_is_half_in_view(fake, open_page,
         "form",
         "stop",
         *(
-            pytest.param(one, marks=pytest.mark.full)
-            for one in ("phone", "alarms", "bag", "notice", "end", "lost")
+            pytest.param(view, marks=pytest.mark.full)
+            for view in ("phone", "alarms", "bag", "notice", "end", "lost")
         ),
     ],
 )
@@ -247,7 +247,7 @@ def test_accessible_by_axe(fake, bags, open_page, axe, what):
     def found():
         judged = page.evaluate(f"axe.run('{where}')")
         rules = [*judged["violations"], *judged["incomplete"]]
-        return [(one["id"], [node["html"][:120] for node in one["nodes"]]) for one in rules]
+        return [(rule["id"], [node["html"][:120] for node in rule["nodes"]]) for rule in rules]
 
     assert settled(page, found) == []
 

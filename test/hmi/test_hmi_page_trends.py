@@ -29,7 +29,7 @@ def test_resume_is_drawn_ahead_before_it_is_confirmed(fake, open_page, uplot):
     shot(page, "resume")
     press(page, "Cancel")
     until(page, f"{DRAWN_AHEAD}.join() === 'false,false,false,false'")
-    assert not [one for one in fake.requests if one["do"] == "weld"]
+    assert not [request for request in fake.requests if request["do"] == "weld"]
 
 
 def test_trends_are_zoomed_moved_by_keys_and_swapped_and_lead_back_to_now(fake, open_page, uplot):

@@ -109,7 +109,10 @@ class Weld(Spinner):
                 )
                 patient = ("lockstep_deadline_s:=60.0", "lockstep_shadow_wait_s:=60.0")
                 given += patient if name in ("supervisor", "standby") else ()
-                arguments = [*arguments, *(word for one in given for word in ("-p", one))]
+                arguments = [
+                    *arguments,
+                    *(word for parameter in given for word in ("-p", parameter)),
+                ]
             self.launcher.start(
                 name, MODULES[name], ["--ros-args", *arguments] if arguments else []
             )
@@ -133,16 +136,16 @@ class Weld(Spinner):
 
     def unanswered_ticks(self):
         """Gaps between the commands that this observer has heard, some of them twice."""
-        stamps = sorted({convert.stamp_ns(one.header.stamp) for one in self.commands})
+        stamps = sorted({convert.stamp_ns(command.header.stamp) for command in self.commands})
         return sum(round((b - a) / TICK_NS) - 1 for a, b in itertools.pairwise(stamps))
 
 
 @pytest.fixture
 def weld(tmp_path):
     with free_domain() as domain, Launcher(tmp_path / "log", domain) as launcher:
-        one = Weld(tmp_path, domain, launcher)
-        yield one
-        one.close()
+        weld = Weld(tmp_path, domain, launcher)
+        yield weld
+        weld.close()
 
 
 def junk_from_strangers(weld):
@@ -184,9 +187,9 @@ def test_a_person_steers_the_weld_by_the_page_and_all_of_it_is_recorded(weld):
     page.seen("state", lambda frame: frame["actual_mode"] == "auto")
     assert page.ask("safe_stop")["outcome"] == "done"
     page.seen("state", lambda frame: frame["actual_mode"] == "safe_stop")
-    page.seen("alarms", lambda frame: any(one["id"] == "safe_stop" for one in frame["alarms"]))
+    page.seen("alarms", lambda frame: any(alarm["id"] == "safe_stop" for alarm in frame["alarms"]))
     weld.until(lambda: len(weld.actions) == 9, "all actions")
-    assert [(one.action, one.outcome) for one in weld.actions] == [
+    assert [(action.action, action.outcome) for action in weld.actions] == [
         ("log in", "done"),
         ("take control", "done"),
         ("set-points 2.66 mm, 816.4 °C", "done"),
@@ -197,7 +200,7 @@ def test_a_person_steers_the_weld_by_the_page_and_all_of_it_is_recorded(weld):
         ("mode auto", "done"),
         ("safe stop", "done"),
     ]
-    assert {one.who for one in weld.actions} == {f"anna ({page.frames['hello']['session']})"}
+    assert {action.who for action in weld.actions} == {f"anna ({page.frames['hello']['session']})"}
     weld.until(lambda: weld.mode() == "safe_stop", "the safe stop")
 
 
@@ -236,8 +239,8 @@ def test_safe_stop_while_the_supervisor_changes(weld):
 
 def recorded_actions(folder):
     with BagReader(folder) as bag:
-        recorded = [decode(bag, one) for one in bag.records(topics=["/fsw/operator_action"])]
-    return [(one.action, one.outcome) for one in recorded] or [("", "")]
+        recorded = [decode(bag, record) for record in bag.records(topics=["/fsw/operator_action"])]
+    return [(action.action, action.outcome) for action in recorded] or [("", "")]
 
 
 @pytest.mark.real_time
@@ -270,7 +273,7 @@ def test_programme_is_held_changed_by_hand_and_resumed(weld):
     weld.until(lambda: recorded_actions(graph.bag)[-1][0] == "weld abort", "the record")
     weld.launcher.stop("recorder")
     # on a busy machine the page may be taken for gone while nothing reads it
-    assert [one for one in recorded_actions(graph.bag) if one[0] != LOST][-5:] == [
+    assert [action for action in recorded_actions(graph.bag) if action[0] != LOST][-5:] == [
         ("set-points 2.7 mm, 822 °C", "refused"),
         ("weld hold", "done"),
         ("set-points 2.7 mm, 822 °C", "done"),

@@ -160,8 +160,8 @@ def pages(kind: str | None = None) -> list[Path]:
     """
     written = [WORKSPACE / "README.md", *sorted((WORKSPACE / "docs").rglob("*.md"))]
     others = {"gallery", "results"}
-    found = [path for path in written if not others & {*path.parts} and blocks(path)]
-    return found if kind is None else [path for path in found if _kind(chosen(path)) == kind]
+    pages = [path for path in written if not others & {*path.parts} and blocks(path)]
+    return pages if kind is None else [path for path in pages if _kind(chosen(path)) == kind]
 
 
 def _kind(of_page: list[Block]) -> str | None:

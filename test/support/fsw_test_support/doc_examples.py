@@ -9,12 +9,12 @@ from importlib import import_module
 
 def examples(modules: Iterable[str]) -> list[doctest.DocTest]:
     """Those of modules, sorted."""
-    found = (
+    tests = (
         test
         for name in sorted(set(modules))
         for test in doctest.DocTestFinder().find(import_module(name))
     )
-    return [test for test in found if test.examples]
+    return [test for test in tests if test.examples]
 
 
 def check(example: doctest.DocTest) -> None:

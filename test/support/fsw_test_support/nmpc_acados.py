@@ -130,7 +130,7 @@ class Acados:
         """The functions of all stages and their Jacobians as a library of compiled C."""
         code = ca.CodeGenerator("stages", {"casadi_int": "int", "casadi_real": "double"})
         functions = [
-            function for k, one in enumerate(stages.stages) for function in _functions(k, one)
+            function for k, stage in enumerate(stages.stages) for function in _functions(k, stage)
         ]
         for function in functions:
             code.add(function)
@@ -238,11 +238,11 @@ class AcadosSolver:
             began = time.thread_time()
             status = self._lib.ocp_nlp_solve(self._solver, self._in, self._out)
             times.append(time.thread_time() - began)
-        found = np.array([self._taken(k) for k in range(h.n_blocks)])
-        if status or not np.isfinite(found).all():
+        blocks = np.array([self._taken(k) for k in range(h.n_blocks)])
+        if status or not np.isfinite(blocks).all():
             nothing = np.full(h.n_out, np.nan)
             return SolveStatus.NOT_SOLVED, moves, nothing, nothing
-        best, about = self._stages.moves(found), self._stages.moves(inputs)
+        best, about = self._stages.moves(blocks), self._stages.moves(inputs)
         start = KERNEL.ffi.addressof(problem, "start")
         depth, temperature, by_depth, by_temperature = predict(self._library, start, about)
         change = best - about
@@ -311,10 +311,10 @@ class AcadosSolver:
     def _set_constants(self) -> None:
         n = len(self._stages.stages)
         for k in range(n + 1):
-            one = self._ffi.new("double *", 1.0)
+            unit = self._ffi.new("double *", 1.0)
             if k < n:
-                self._lib.ocp_nlp_in_set(*self._at, self._in, k, b"Ts", one)
-            self._lib.ocp_nlp_cost_model_set(*self._at, self._in, k, b"scaling", one)
+                self._lib.ocp_nlp_in_set(*self._at, self._in, k, b"Ts", unit)
+            self._lib.ocp_nlp_cost_model_set(*self._at, self._in, k, b"scaling", unit)
             places = (
                 INPUTS if 0 < k < n else range(2) if k else range(self._stages.stages[0].n_states)
             )
@@ -347,9 +347,9 @@ class AcadosSolver:
             self._lib.ocp_nlp_out_set(*self._at, self._out, k, b"x", self._doubles(state))
 
     def _taken(self, stage: int) -> Vector:
-        found = np.zeros(2)
-        self._lib.ocp_nlp_out_get(*self._at, self._out, stage, b"u", self._doubles(found))
-        return found
+        inputs = np.zeros(2)
+        self._lib.ocp_nlp_out_get(*self._at, self._out, stage, b"u", self._doubles(inputs))
+        return inputs
 
     def _constrain(self, stage: int, field: str, value: Any) -> None:
         self._lib.ocp_nlp_constraints_model_set(*self._at, self._in, stage, field.encode(), value)

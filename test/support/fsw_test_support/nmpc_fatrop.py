@@ -71,7 +71,7 @@ class FatropSolver:
             given += [of_stage.parameter, of_stage.low, of_stage.high, of_stage.goal]
             given += [of_stage.weight, of_stage.move_weight]
         bounds = data[-1].input_low, data[-1].input_high
-        found = self._solver(
+        solution = self._solver(
             x0=np.concatenate([*guess, states[-1]]),
             p=np.concatenate(given),
             lbx=np.concatenate([*low, bounds[0]]),
@@ -80,11 +80,11 @@ class FatropSolver:
             ubg=np.concatenate(high_g),
         )
         stats = self._solver.stats()
-        self.iterations, self.cost = int(stats["iter_count"]), float(found["f"]) / scale
+        self.iterations, self.cost = int(stats["iter_count"]), float(solution["f"]) / scale
         if not stats["success"]:
             nothing = np.full(h.n_out, np.nan)
             return SolveStatus.ITERATION_CAP, moves, nothing, nothing
-        x = found["x"].full().ravel()
+        x = solution["x"].full().ravel()
         best = stages.moves(np.clip([x[begin : begin + 2] for begin in self._moves_at], -1.0, 1.0))
         start_of = KERNEL.ffi.addressof(problem, "start")
         return SolveStatus.OK, best, *predict(self._library, start_of, best)[:2]
