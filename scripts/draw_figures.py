@@ -51,6 +51,9 @@ def _recorded(name: str) -> Any:
 
 def comparison() -> None:
     """``sweep``, ``fronts`` and ``sensors``, from a run's numbers (not committed)."""
+    if not (RESULTS / "comparison.json").exists():
+        print("comparison: scripts/compare_controllers.py --publish writes its numbers first")
+        return
     command.draw(_recorded("comparison"), RESULTS)
 
 
