@@ -320,10 +320,14 @@ class SensorGuard:
         the drives report.
         """
         self._present.update(values)
-        present = [name for name in self._sensors if name in self._present]
-        readings = {name: self._sensors[name].update(time_s, values.get(name)) for name in present}
-        self.reasons.update((name, reading.reason) for name, reading in readings.items())
-        self.held = tuple(name for name in present if readings[name].held)
+        readings = {
+            name: sensor.update(time_s, values.get(name))
+            for name, sensor in self._sensors.items()
+            if name in self._present
+        }
+        for name, reading in readings.items():
+            self.reasons[name] = reading.reason
+        self.held = tuple([name for name, reading in readings.items() if reading.held])
         depth, torque, temperature = (readings[name] for name in REQUIRED)
         missing = Reading(math.nan, False)
         return Measurement(

@@ -39,6 +39,7 @@ class PlantCore:
         self.added = KERNEL.new("fsw_plant_disturbance")  #: disturbances in the present tick
         self.model = model_of(config.model)
         self.sensors = sensors_of(config)  #: their names
+        self._outputs = _first_output(self.memory)
         self._shown = ffi.new("double[]", len(self.sensors))
         self._command = ffi.new("double[2]")
 
@@ -68,7 +69,7 @@ class PlantCore:
             raise OperatingPointError(f"{start}: {_off_copper(field)}")
         self._heated, state = field, ProcessState(tuple(plant.x), deque())
         force_kn, speed_rpm = plant.acting
-        return Equilibrium(force_kn, speed_rpm, _outputs_of(plant), state)
+        return Equilibrium(force_kn, speed_rpm, _outputs_at(_first_output(plant)), state)
 
     def start(
         self, config: PlantConfig, depth_mm: float, temperature_c: float, start: Equilibrium
@@ -100,7 +101,7 @@ class PlantCore:
     @property
     def outputs(self) -> Outputs:
         """Outputs of the process, without disturbances and noise."""
-        return _outputs_of(self.memory)
+        return _outputs_at(self._outputs)
 
     @property
     def angle_deg(self) -> float:
@@ -137,9 +138,12 @@ class PlantCore:
         return str(OutsideModelError(*memory.left))
 
 
-def _outputs_of(plant: Any) -> Outputs:
-    """Outputs of the process of a ``fsw_plant *``."""
-    first = KERNEL.ffi.cast("double *", KERNEL.ffi.addressof(plant, "outputs"))
+def _first_output(plant: Any) -> Any:
+    """Where the outputs of the process of a ``fsw_plant *`` begin."""
+    return KERNEL.ffi.cast("double *", KERNEL.ffi.addressof(plant, "outputs"))
+
+
+def _outputs_at(first: Any) -> Outputs:
     return Outputs(*KERNEL.ffi.unpack(first, len(Outputs._fields)))
 
 

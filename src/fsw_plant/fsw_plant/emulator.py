@@ -233,13 +233,15 @@ class PlantEmulator:
 
     def _disturb(self) -> None:
         """Set all disturbances to their values at the present tick."""
-        for channel in {active.target for active in self.disturbances.values()}:
-            setattr(self.core.added, CHANNELS[channel], self._disturbance(channel))
+        for channel, value in self._disturbed().items():
+            setattr(self.core.added, CHANNELS[channel], value)
 
-    def _disturbance(self, channel: str) -> float:
-        """Value of a channel's disturbances at the present tick."""
-        active = (self.disturbances.get(slot) for slot in (channel, f"{channel} random"))
-        return sum((event.value(self.time_s) for event in active if event), 0.0)
+    def _disturbed(self) -> dict[str, float]:
+        """Disturbances at the present tick by channel, without those where none is active."""
+        values: dict[str, float] = {}
+        for active in self.disturbances.values():  # two on a channel that has a random one, too
+            values[active.target] = values.get(active.target, 0.0) + active.value(self.time_s)
+        return values
 
     def _begin(self, event: PlantEvent) -> None:
         active: dict[str, Any] = self.faults if isinstance(event, Fault) else self.disturbances
@@ -302,16 +304,16 @@ class PlantEmulator:
 
     def truth(self) -> Truth:
         """True state at the present tick, with the inputs of the step that ended there."""
-        outputs = self.core.outputs
-        depth_disturbance = self._disturbance("depth")
-        temperature_disturbance = self._disturbance("temperature")
+        outputs, disturbed = self.core.outputs, self._disturbed()
+        depth_disturbance = disturbed.get("depth", 0.0)
+        temperature_disturbance = disturbed.get("temperature", 0.0)
         return Truth(  # by position, which is twice as fast
             self.tick * weld.TICK_NS if self._reading is None else self._reading.stamp_ns,
             outputs.depth_mm + depth_disturbance,
             outputs.temperature_c + temperature_disturbance,
             outputs.copper_temperature_c,
             outputs.motor_torque_nm,
-            outputs.process_torque_nm + self._disturbance("torque"),
+            outputs.process_torque_nm + disturbed.get("torque", 0.0),
             outputs.friction_torque_nm,
             outputs.power_kw,
             self._acting.force_kn,

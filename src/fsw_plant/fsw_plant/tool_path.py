@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, NamedTuple
 
-import numpy as np
-
 from fsw_control.schema.models import Model, problem
 from fsw_control.schema.ranges import Range
 from fsw_model import STEP_S
@@ -60,8 +58,10 @@ class ToolPath:
         self._steady = steady if not points else None
         self._at_s = [point.at_s for point in points]
         self._axial_mm = [point.axial_mm for point in points]
+        sections = [(a, b, b.at_s - a.at_s) for a, b in pairwise(points)]
         # one number per section of the path: the canister makes new matrices for each speed
-        self._speeds = [(b.arc_mm - a.arc_mm) / (b.at_s - a.at_s) for a, b in pairwise(points)]
+        self._speeds = [(b.arc_mm - a.arc_mm) / lasts_s for a, b, lasts_s in sections]
+        self._climbs = [(b.axial_mm - a.axial_mm) / lasts_s for a, b, lasts_s in sections]
 
     @classmethod
     def of(cls, points: Sequence[Waypoint], config: PlantConfig) -> ToolPath:
@@ -81,7 +81,10 @@ class ToolPath:
         return Motion(self._speeds[part] if moving else 0.0, self._height(time_s + STEP_S))
 
     def _height(self, time_s: float) -> float:
-        return float(np.interp(time_s, self._at_s, self._axial_mm))
+        part = bisect_right(self._at_s, time_s) - 1
+        if not 0 <= part < len(self._climbs):
+            return self._axial_mm[max(part, 0)]
+        return self._climbs[part] * (time_s - self._at_s[part]) + self._axial_mm[part]
 
 
 class ToolTravel:

@@ -72,12 +72,12 @@ class ControllerRegistry:
         self._machine = machine
         self._safety = safety
         self._lockstep = lockstep
-        self._records: dict[str, ControllerRecord] = {}
+        self._records: dict[str, ControllerRecord] = {}  # in the order of their names
         self._past: dict[int, Tick] = {}
 
     def __iter__(self) -> Iterator[ControllerRecord]:
         """Records in the order of their names."""
-        return iter([self._records[name] for name in sorted(self._records)])
+        return iter(self._records.values())
 
     def get(self, name: str) -> ControllerRecord | None:
         """Record of ``name``; None if it was never seen."""
@@ -140,7 +140,8 @@ class ControllerRegistry:
         """Note that ``name`` is in the graph; ignored if there are too many controllers."""
         record = self.get(name)
         if record is None and len(self._records) < _CAPACITY:
-            record = self._records[name] = ControllerRecord(name)
+            record = ControllerRecord(name)
+            self._records = dict(sorted([*self._records.items(), (name, record)]))
         if record is not None and not record.present:
             record.present = True
             self._machine.log(Level.INFO, name, Code.JOINED, controller=name)

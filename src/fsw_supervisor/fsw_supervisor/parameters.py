@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from functools import cached_property
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
-from pydantic import PrivateAttr, create_model, model_validator
+from pydantic import create_model, model_validator
 
 from fsw_control import weld
 from fsw_control.common_parameters import SUPERVISOR_VALIDITY, DriveLimits, fields_of, numbers
@@ -211,7 +212,6 @@ class SupervisorParameters(NodeParameters):
     """Number of ticks in a row with two different proposals of one name after which that
     controller is no longer used (chosen)."""
     limits: DriveLimits = DriveLimits()
-    _drive_limits: Limits = PrivateAttr()
     latency_warn_s: Annotated[float, Range(0.0, 10.0, "s")] = 0.05
     """99th percentile of a controller's latency from which diagnostics warn (chosen)."""
     latency_error_s: Annotated[float, Range(0.0, 10.0, "s")] = 0.075
@@ -242,14 +242,10 @@ class SupervisorParameters(NodeParameters):
                 raise ValueError(f"controller, fallbacks: {text}")
         return self
 
-    def model_post_init(self, _: Any) -> None:
-        """Make the limits once: they are used several times in every tick."""
-        self._drive_limits = Limits(**dict(self.limits))
-
-    @property
+    @cached_property
     def drive_limits(self) -> Limits:
-        """The limits of every command."""
-        return self._drive_limits
+        """The limits of every command; made once, as every tick needs them several times."""
+        return Limits(**dict(self.limits))
 
     def takeover_s(self, lockstep: bool) -> float:
         """Time after a measurement at which a standby counts it as unanswered by the leader."""

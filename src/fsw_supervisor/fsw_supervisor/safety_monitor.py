@@ -30,7 +30,8 @@ from fsw_supervisor.parameters import QUANTITIES, SupervisorParameters
 from fsw_supervisor.state_machine import Level, Machine, Mode
 from fsw_supervisor.tick import GAP_S, Tick
 
-_ORDER = Severity.OK, Severity.WARN, Severity.TRIP
+#: levels that must last before they take effect; OK needs no run, as no level is below it
+_RAISED = Severity.WARN, Severity.TRIP
 _LOG_LEVELS = {Severity.OK: Level.INFO, Severity.WARN: Level.WARN, Severity.TRIP: Level.ERROR}
 #: by value, the sensor that it needs
 _SENSOR = {**{SENSORS[name].signal: name for name in REQUIRED}, "power_kw": "torque"}
@@ -160,7 +161,7 @@ class SafetyMonitor:
         self._standing: dict[str, Fact] = {}  # jumps and blindness that are there
         self.configure(machine.settings)
         self._levels = dict.fromkeys(QUANTITIES, Severity.OK)
-        self._runs = {name: {level: Persistence() for level in _ORDER} for name in QUANTITIES}
+        self._runs = {name: {level: Persistence() for level in _RAISED} for name in QUANTITIES}
         self._leaving = {name: Persistence() for name in QUANTITIES}
         self._judged_ns: int | None = None
         self._causes: dict[str, Fact] = {}  # of the levels of the interlocks
@@ -213,7 +214,8 @@ class SafetyMonitor:
     @property
     def tripped(self) -> tuple[str, ...]:
         """Names of the tripped interlocks, jumps and blindness."""
-        return tuple(name for name, level in self.active.items() if level is Severity.TRIP)
+        levels = [name for name, level in self._levels.items() if level is Severity.TRIP]
+        return (*levels, *self._standing)
 
     def why_stop(self, acknowledged: bool = False) -> Fact | None:
         """Why a safe stop must begin or last; None if it need not.
@@ -353,16 +355,17 @@ class SafetyMonitor:
                 self._judge(item, bad, elapsed_s)
             elif isfinite(value) and _SENSOR.get(item.quantity) not in held:
                 self._judge(item, value, elapsed_s)
+        tripped = set(names := self.tripped)
         # what was free of a trip during a stop, and trips later, cannot be its cause
-        new = (set(self.tripped) - before) & self._was_free
-        self._consequences = (self._consequences & set(self.tripped) if stopped else set()) | new
-        if not self.tripped:
+        new = (tripped - before) & self._was_free
+        self._consequences = (self._consequences & tripped if stopped else set()) | new
+        if not tripped:
             return
         if stopped:
-            if self._machine.acknowledged and set(self.tripped) - self._consequences:
+            if self._machine.acknowledged and tripped - self._consequences:
                 self._machine.renew(StopCause.INTERLOCK, "interlock")
         else:
-            reason = Reason(ReasonCode.INTERLOCKS, interlocks=self.tripped)
+            reason = Reason(ReasonCode.INTERLOCKS, interlocks=names)
             self._machine.fire(Cause.INTERLOCK_TRIP, reason, "interlock")
 
     def _judge(self, item: Interlock, value: float, elapsed_s: float) -> None:
@@ -376,15 +379,17 @@ class SafetyMonitor:
             free.note(stopped and shown is not Severity.TRIP, elapsed_s, period_s)
             if free.reaches(limit_s, period_s):
                 self._was_free.add(item.name)
+        if not (shown or present or runs[Severity.WARN].values or leaving.values):
+            return  # as nearly always: nothing is there, and nothing was
         # Levels are nested: a value at trip is also one at warning. So the run of a level counts
         # values at it or worse, and one trip value among warnings does not restart the warning.
-        for level in _ORDER:
+        for level in _RAISED:
             runs[level].note(shown >= level, elapsed_s, period_s)
         leaves = present is Severity.TRIP and shown is not Severity.TRIP
         leaving.note(leaves, elapsed_s, period_s)
         if leaves and not leaving.reaches(limit_s, period_s):
             return
-        lasting = {level for level in _ORDER if runs[level].reaches(limit_s, period_s)}
+        lasting = {level for level in _RAISED if runs[level].reaches(limit_s, period_s)}
         level = min(shown, max({present, *lasting}))
         if level is present:
             return
