@@ -11,6 +11,7 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
 from fsw_control import weld
 from fsw_control.schema.models import Many, Model, content_of, problem, read_text, validate
+from fsw_control.sensors import SENSORS
 from fsw_model import STEP_S, MachineData, ModelParameters
 
 #: Kinds of reference trajectories, see ``kernel/trajectory.c``.
@@ -33,9 +34,9 @@ def _keep(memory_s: float) -> float:
 class EstimatorTuning(Model):
     """Standard deviations of the sensors and, per tick, of the disturbances' random walks."""
 
-    depth_noise_mm: NonNegativeFloat = 2e-3
-    torque_noise_nm: NonNegativeFloat = 2.0
-    temperature_noise_c: NonNegativeFloat = 0.1
+    depth_noise_mm: NonNegativeFloat = SENSORS["depth"].noise
+    torque_noise_nm: NonNegativeFloat = SENSORS["torque"].noise
+    temperature_noise_c: NonNegativeFloat = SENSORS["thermocouple"].noise
     creep_walk_mm: NonNegativeFloat = 1e-5
     copper_walk_c: NonNegativeFloat = 1e-3
     motor_walk_nm: NonNegativeFloat = 0.05
