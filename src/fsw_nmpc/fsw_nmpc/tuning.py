@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
 from fsw_control import weld
-from fsw_control.schema.models import Many, Model, content_of, problem, read_text, validate
+from fsw_control.schema.models import Many, Model, Whole, content_of, problem, read_text, validate
 from fsw_control.sensors import SENSORS
 from fsw_model import STEP_S, MachineData, ModelParameters
 
@@ -168,6 +168,11 @@ class ApproachTuning(Model):
     """lower bound of the usable temperature rate"""
     least_power_kw: NonNegativeFloat = 1.0
     """lower bound of the holding power"""
+    longest_lead_s: Annotated[float, Field(ge=0.0, le=60.0)] = 30.0
+    """longest time by which an approach begins before a known future set-point"""
+    beyond_bound_kw: NonNegativeFloat = 0.15
+    """uncertainty of the estimated heat: a temperature beyond reach is sought with so much more
+    power than a bound of the speed gives, so that noise does not move the speed from its bound"""
 
 
 class Tuning(Model):
@@ -205,6 +210,11 @@ class Tuning(Model):
     """quadratic cost of an interval's move, twice that of the largest move, for both inputs"""
     blocks: Literal[20, 54] = 20
     """20: blocks of moves over the 54 intervals; 54: a move per interval, as in the paper"""
+    second_solve_distance: NonNegativeFloat = 0.5
+    """the problem is solved again about its solution if the first move is further from the
+    expected one, in largest moves"""
+    second_solve_iterations: Annotated[Whole, Field(ge=0)] = 12
+    """but not after a first solve of more iterations: the second one would exceed the tick"""
     tolerance: NonNegativeFloat = 1e-6
     """of the solver: complementarity gap relative to 1 + |cost|"""
     approach: ApproachTuning = ApproachTuning()

@@ -56,7 +56,8 @@ class Member(NamedTuple):
     @property
     def is_int(self) -> bool:
         """Whether it is an int in C; a choice is the index of the enumeration."""
-        return self.kind is int or get_origin(self.kind) is Literal
+        kind = getattr(self.kind, "__origin__", self.kind)  # without its range
+        return kind is int or kind is Literal
 
     def in_c(self, value: Any) -> Any:
         """Return a value in the form that cffi takes."""
