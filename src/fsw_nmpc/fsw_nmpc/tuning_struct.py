@@ -14,8 +14,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hint
 
 from fsw_control import Limits
 from fsw_control.schema.models import Model, descriptions
-from fsw_nmpc.settings import Settings
-from fsw_nmpc.tuning import PRIORITIES, TRAJECTORIES, Share, Tuning
+from fsw_nmpc.tuning import PRIORITIES, TRAJECTORIES, Settings, Share, Tuning
 
 #: Settings without a member in the kernel: the model is a struct of its own, the horizon a part
 #: of it; announced set-points are an input; instead of a memory's time constant the kernel has the

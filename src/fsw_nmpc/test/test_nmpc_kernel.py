@@ -12,8 +12,7 @@ from fsw_model import nominal
 from fsw_nmpc import tuning_struct
 from fsw_nmpc.horizon import BLOCK_LENGTHS, PAPER_GRID_S, horizon_of, make_horizon
 from fsw_nmpc.library import KERNEL, Library, Tables, tuning_of
-from fsw_nmpc.settings import Settings
-from fsw_nmpc.tuning import ApproachTuning, EstimatorTuning, Tuning
+from fsw_nmpc.tuning import ApproachTuning, EstimatorTuning, Settings, Tuning
 from fsw_test_support.c_code import SANITIZE, STRICT, check_layout, compile_c, has_sanitizers
 from fsw_test_support.nmpc_problems import LIMITS, make_library
 

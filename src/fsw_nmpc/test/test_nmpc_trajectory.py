@@ -12,8 +12,7 @@ from fsw_control import Limits
 from fsw_model import nominal
 from fsw_model.equations import process_torque_nm
 from fsw_nmpc.library import tuning_of
-from fsw_nmpc.settings import Settings
-from fsw_nmpc.tuning import PAPER, PRIORITIES, ApproachTuning, Tuning
+from fsw_nmpc.tuning import PAPER, PRIORITIES, ApproachTuning, Settings, Tuning
 from fsw_test_support.nmpc_problems import LIMITS, begin, make_library
 
 NAN = float("nan")

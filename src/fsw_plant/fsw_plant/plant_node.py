@@ -35,13 +35,12 @@ from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig
-from fsw_plant.emulator import PlantEmulator, come_to_rest
+from fsw_plant.emulator import PlantEmulator, WatchdogState, come_to_rest
 from fsw_plant.pace import Lockstep, TickStamps
 from fsw_plant.parameters import PlantParameters
 from fsw_plant.process import prepare
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.services_ros import PlantServices
-from fsw_plant.watchdog import WatchdogState
 
 _WATCH_S = 0.2
 _REPORT_S = 1.0
