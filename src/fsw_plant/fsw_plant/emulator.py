@@ -257,6 +257,8 @@ class PlantEmulator:
         """The samples sent at the present tick; repeatable. ``stamp_ns`` replaces its stamp."""
         if self._reading is not None and self._reading.tick == self.tick:
             return self._reading
+        # Scheduled events are in the programme's time, which stands while a weld is held; one
+        # that begins has the plant's time, so that its own course follows the clock
         if self.schedule.events:
             lag_s = self.travel.lag_s
             for event in self.schedule.due(self.travel.programme_s(self.tick)):
@@ -267,6 +269,8 @@ class PlantEmulator:
                 name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)
             }
         self._disturb()
+        # from the process outwards, as on a machine: sensors with noise, the footprint's bias,
+        # faults on the way, and the fusion of what has arrived, whose result can be faulty as well
         shown = dict(zip(self.core.sensors, self.core.measure(), strict=True))
         angle_deg = self.core.angle_deg
         bias_mm = 0.0
@@ -314,6 +318,7 @@ class PlantEmulator:
                 setattr(self.core.added, CHANNELS[event.target], 0.0)
         else:
             if isinstance(event, Disturbance):
+                # by channel, so that two random disturbances of a weld are independent
                 event.begin((self.config["seed"], list(CHANNELS).index(event.target)))
             active[event.slot] = event
 
@@ -349,6 +354,9 @@ class PlantEmulator:
 
     def step(self, elapsed_s: float = STEP_S) -> None:
         """Advance by a tick; never raises. The watchdog uses ``elapsed_s`` since the last step."""
+        # The command for this tick has come or not: the watchdog decides what acts from here to
+        # the next tick. Of the disturbances, those on inputs act over this step, those on outputs
+        # at the measurement that follows
         force_kn = self.watchdog.advance(self.applied.force_kn, elapsed_s)
         if force_kn != self.applied.force_kn:
             self.applied = Command(force_kn, self.applied.speed_rpm)
@@ -435,6 +443,8 @@ def come_to_rest(plant: PlantEmulator) -> None:
 
     It then waits for a first command again, as at the start.
     """
+    # armed, it ramps also if no command has come yet; it is at rest once a step in SAFE no longer
+    # changes the force
     plant.watchdog.armed = True
     for _ in range(_REST_TICKS):
         before_kn = plant.applied.force_kn

@@ -73,6 +73,8 @@ class Draws:
     """
 
     def __init__(self, seed: int, sensors: int = len(REQUIRED)) -> None:
+        # a stream of its own for each sensor, by seed and row: another sensor at the end of the
+        # table, or one that is silent, leaves the noise of the others as it was
         self._generators = [
             np.random.Generator(np.random.PCG64([seed, i])) for i in range(sensors)
         ]
@@ -183,6 +185,8 @@ def hardness_waves(
     first-order Gauss-Markov process.
     """
     harmonic = np.arange(1, harmonics + 1)
+    # the exponential correlation's spectrum over the wave number falls as 1 / (1 + (k length)^2);
+    # amplitudes are its root, scaled to the requested deviation (a sine has half its square)
     wave = 1.0 / np.hypot(1.0, 2.0 * pi * harmonic * machine.hardness_length_mm / circumference_mm)
     wave *= machine.hardness_variation / np.sqrt(0.5 * np.sum(wave**2))
     draws = np.random.Generator(np.random.PCG64([seed, _HARDNESS_STREAM]))

@@ -175,6 +175,8 @@ class PlantNode(ManagedNode):
     def _next_tick(self) -> None:
         if self._fence.overdue:
             self.emulator.watchdog.expire()
+        # In simulated time the watchdog counts ticks, as the wait for a command is no time there;
+        # in real time it counts the steady clock, as a late timer is time without commands
         stamp_ns = self.emulator.measure().stamp_ns
         before_s, self._stepped_s = self._stepped_s, time.monotonic()
         self.emulator.step(TICK_S if self._simulated else self._stepped_s - before_s)
@@ -256,6 +258,8 @@ class PlantNode(ManagedNode):
 
     def _go_on(self) -> None:
         """Begin the next tick of lockstep if nothing is awaited any more."""
+        # Only who commands and who plays are awaited at each tick; a recorder or a page is awaited
+        # now and then, before a queue overflows, so that a weld is no slower than its controllers
         if self._running and self._pace.complete:
             if self.emulator.tick % _ARRIVAL_TICKS == 0:
                 self.await_arrival(self._settings["lockstep_timeout_s"])
