@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
+from fsw_control.sensors import SENSORS
 from fsw_model import ModelParameters, nominal
 from fsw_plant import PlantConfig
 from fsw_quality.diagnosis import WatchCause
@@ -57,7 +58,11 @@ SPREADS = 0.05, 0.1
 #: standard error of each when this machine was identified: 2 % by the identification, 2 % from
 #: weld to weld
 IDENTIFIED = 0.03
-NOISES = {"depth_noise_mm": 0.002, "torque_noise_nm": 2.0, "temperature_noise_c": 0.1}
+NOISES = {
+    f"{row.stem}_noise_{row.quantity.suffix}": row.noise
+    for row in SENSORS.values()
+    if row.required
+}
 #: the canister of the scenario canister_weld_heat
 CANISTER = {
     "process": "canister",

@@ -31,6 +31,7 @@ import _benchmark
 import numpy as np
 
 from fsw_control import Command, Measurement, Reference, weld
+from fsw_control.sensors import REQUIRED, SENSORS
 from fsw_model import STEP_S, ProcessModel, nominal
 from fsw_nmpc.controller import NmpcController
 from fsw_nmpc.library import KERNEL, SolveStatus, Vector
@@ -55,7 +56,7 @@ from fsw_test_support.nmpc_problems import (
 EVENTS = ((20.0, 0.2, 0.0), (70.0, 0.0, 0.0), (130.0, 0.0, 10.0), (180.0, 0.0, 0.0))
 WELD_S = 240.0
 #: Standard deviations of depth, torque and temperature.
-NOISE = (2e-3, 2.0, 0.1)
+NOISE = tuple(SENSORS[name].noise for name in REQUIRED)
 #: A cold problem is solved by so many linearisations, the first two coarsely.
 COLD_TOLERANCES = (1e-1, 1e-3, 1e-5)
 #: When after an event a problem is taken.

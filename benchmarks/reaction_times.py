@@ -22,15 +22,15 @@ from typing import Any
 
 import _benchmark
 
+from fsw_control.command_gate import answer
 from fsw_control.contract import Command, Limits, Proposal
-from fsw_control.host import answer
 from fsw_control.parameters import defaults
 from fsw_control.validity import SensorGuard
 from fsw_control.weld import TICK_S
 from fsw_model import STEP_S
 from fsw_plant import PlantConfig, PlantEmulator, PlantSchedule, Truth
+from fsw_plant.emulator import WatchdogState
 from fsw_plant.event_schema import disturbance, fault
-from fsw_plant.watchdog import WatchdogState
 from fsw_scenario.closed_loop import OfflineSupervisor
 from fsw_scenario.controllers import make
 from fsw_scenario.scenario import start_reference

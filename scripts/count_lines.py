@@ -40,10 +40,12 @@ BUDGETS = {
 LIMITS = {"function": 60, "class": 250, "file": 400}
 SHORT = 60
 #: short for a reason: what tools demand by name, thin nodes beside pure cores, a node's
-#: parameters, a study's command, scripts; and entry points, so that a command loads only what it
-#: needs
+#: parameters, a study's command, scripts, generators that are run as modules; entry points, so
+#: that a command loads only what it needs; and leaves, which import only the standard library, so
+#: that every program can import them before and without the rest
 _MAY_BE_SHORT = re.compile(
-    r"(^|/)(__init__|setup|parameters|conftest|command)\.py$|_(ros|node)\.py$|^(scripts|examples)/"
+    r"(^|/)(__init__|setup|parameters|conftest|command)\.py$|_(ros|node|codegen)\.py$"
+    r"|^(scripts|examples)/"
 )
 _ENTRY_POINT = re.compile(r'^\S+ = "([\w.]+)(?::\S+)?"$', re.MULTILINE)
 #: mode of a symbolic link in a tree of git
@@ -116,7 +118,18 @@ def short_modules() -> list[str]:
         and not _MAY_BE_SHORT.search(name)
         and "/".join(Path(name).with_suffix("").parts[2:]) not in entries
         and code_lines(text) < SHORT
+        and not _is_leaf(text)
     ]
+
+
+def _is_leaf(text: str) -> bool:
+    """Whether a module imports only the standard library."""
+    imports = [
+        node.module or "" if isinstance(node, ast.ImportFrom) else node.names[0].name
+        for node in ast.parse(text).body
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    ]
+    return all(name.partition(".")[0] in sys.stdlib_module_names for name in imports)
 
 
 def too_long() -> list[tuple[int, str]]:

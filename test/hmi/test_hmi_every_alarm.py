@@ -16,9 +16,9 @@ from rclpy.context import Context
 from rclpy.parameter import Parameter
 
 from fsw_control import messages_ros as convert
+from fsw_control.cause import AlarmChange
 from fsw_control.contract import Command
 from fsw_control.free_domain import free_domain
-from fsw_control.journal import AlarmChange
 from fsw_control.parameters import defaults
 from fsw_control.topics_ros import LATCHED
 from fsw_msgs.msg import AlarmEvent, WeldCommand

@@ -11,8 +11,7 @@ from math import inf
 
 from fsw_control.parameters import describe, validate
 from fsw_decentral import DecentralController
-from fsw_decentral.gains import Gains
-from fsw_decentral.parameters import DecentralParameters
+from fsw_decentral.parameters import DecentralParameters, Gains
 from fsw_export.choice import Choice
 from fsw_export.fmu_description import Content, Variable, boolean, output, parameter, real, source
 from fsw_export.signals import Signal

@@ -24,10 +24,10 @@ from fsw_analysis.messages import SENSOR_TOPICS, Kind, Table, WeldMessages, stam
 from fsw_analysis.procedure import recorded_parameters
 from fsw_analysis.signals import FIELDS, HELD, PLANNED, SENT, read_set_points, reasons, timeline
 from fsw_analysis.weld_signals import SIMULATED_NS, experiment_time_s
+from fsw_control.command_gate import NO_SET_POINT, answer
 from fsw_control.common_parameters import hosted
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.heat_plan import PlanInForce
-from fsw_control.host import NO_SET_POINT, answer
 from fsw_control.message_synchronizer import JUMP_NS
 from fsw_control.parameters import ParameterModel, describe, validate
 from fsw_control.ramps import ReferencePlan

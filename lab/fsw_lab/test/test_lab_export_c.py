@@ -12,6 +12,8 @@ import pytest
 
 from fsw.main import main
 from fsw_control.c_library import compiler
+from fsw_export.sources import sources_of
+from fsw_nmpc import NmpcController
 from fsw_test_support.c_code import STRICT, compile_c
 from fsw_test_support.c_targets import (
     TARGETS,
@@ -239,3 +241,19 @@ def test_fast_math_is_refused(exported, controller):
     ran = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ran.returncode != 0
     assert "NaN" in ran.stderr
+
+
+@pytest.mark.parametrize(
+    "tuning",
+    [
+        "approach: {longest_lead_s: 29.0}",
+        "approach: {beyond_bound_kw: 0.16}",
+        "second_solve_distance: 0.6",
+        "second_solve_iterations: 13",
+    ],
+)
+def test_digest_of_an_export_has_the_whole_tuning(tmp_path, tuning):
+    file = tmp_path / "tuning.yaml"
+    file.write_text(tuning)
+    changed = sources_of(NmpcController({"tuning_file": str(file)}))
+    assert changed.digest != sources_of(NmpcController()).digest

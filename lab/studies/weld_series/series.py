@@ -12,7 +12,7 @@ import yaml
 from fsw_analysis.procedure import Procedure
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_campaign.programme_signals import progress
-from fsw_control.journal import RequestKind
+from fsw_control.cause import RequestKind
 from fsw_control.parameters import validate
 from fsw_control.schema.files import replacing
 from fsw_control.weld import TICK_S

@@ -16,8 +16,7 @@ from fsw_hmi.parameters import HmiParameters
 from fsw_machine.parameters import GatewayParameters
 from fsw_nmpc.parameters import NmpcParameters
 from fsw_plant.parameters import PlantParameters
-from fsw_recorder.parameters import RecorderParameters, ReplayParameters
-from fsw_scenario.parameters import PlayerParameters
+from fsw_recorder.parameters import RecorderParameters
 from fsw_supervisor.parameters import SupervisorParameters
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
@@ -28,9 +27,6 @@ FILES = {
     "fsw_nmpc": hosted(NmpcParameters),
     "fsw_supervisor": SupervisorParameters,
     "fsw_recorder": RecorderParameters,
-    "fsw_replay": ReplayParameters,
-    "fsw_scenario": PlayerParameters,
-    "fsw_monitor": None,  # in another distribution, which may be missing
     "fsw_hmi": HmiParameters,
 }
 SECTIONS = yaml.safe_load((CONFIG / "weld.yaml").read_text(encoding="utf-8"))
@@ -57,13 +53,9 @@ def flat(values, prefix=""):
 @pytest.mark.parametrize("section", SECTIONS)
 def test_parameter_file_has_the_defaults_of_the_nodes(section):
     node = section.removeprefix("/**/")
-    model = FILES[node] or pytest.importorskip("fsw_quality.parameters").MonitorParameters
+    model = FILES[node]
     values = dict(flat(SECTIONS[section]["ros__parameters"]))
     assert parameters.validate(model, values) == parameters.defaults(model)
-
-
-def test_parameter_file_has_every_node():
-    assert set(SECTIONS) == {f"/**/{node}" for node in FILES}
 
 
 def message_fields(topic):
@@ -139,10 +131,9 @@ def analyzers(values):
 
 
 def test_every_report_has_one_analyzer_in_any_namespace():
-    """The nodes that report are those of the parameter file, except for replay, player and page."""
     content = yaml.safe_load((CONFIG / "diagnostic_analyzers.yaml").read_text(encoding="utf-8"))
     by_name = dict(analyzers(content["/**"]["ros__parameters"]))
-    reporting = [node for node in FILES if node not in ("fsw_replay", "fsw_scenario", "fsw_hmi")]
+    reporting = [*(node for node in FILES if node != "fsw_hmi"), "fsw_monitor"]
     for namespace in ("/", "/cell1"):
         for node in reporting:
             name = f"{qualified(namespace, node)}: part"

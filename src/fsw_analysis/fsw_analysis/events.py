@@ -10,8 +10,7 @@ import numpy as np
 
 from fsw_analysis.messages import Kind, Table
 from fsw_analysis.weld_signals import FloatArray, WeldEvent
-from fsw_control.cause import Cause, Severity
-from fsw_control.journal import AlarmChange, RequestKind
+from fsw_control.cause import AlarmChange, Cause, RequestKind, Severity
 from fsw_control.reason import Reason
 
 STATE: dict[str, Kind] = {

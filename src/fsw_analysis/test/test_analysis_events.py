@@ -12,8 +12,7 @@ import pytest
 from fsw_analysis import events
 from fsw_analysis.messages import Table
 from fsw_analysis.weld_signals import FloatArray
-from fsw_control.cause import Cause, Severity
-from fsw_control.journal import AlarmChange, RequestKind
+from fsw_control.cause import AlarmChange, Cause, RequestKind, Severity
 from fsw_control.reason import Reason, ReasonCode
 from fsw_recorder.definitions import Definitions, interface_definition
 

@@ -14,11 +14,11 @@ from rclpy.node import Node
 from fsw_control import messages_ros as convert
 from fsw_control import units
 from fsw_control.coded import Fact, RefusedError, Worded, several
+from fsw_control.command_gate import answer
 from fsw_control.common_parameters import ControllerParameters, hosted
 from fsw_control.contract import Command, Controller, Proposal, Reference
 from fsw_control.deadline_timer_ros import DeadlineTimer
 from fsw_control.heat_plan import SHARE_NAME, HeatPlanProblem, PlanInForce, ReceivedHeat
-from fsw_control.host import answer
 from fsw_control.light_node_ros import LightNode
 from fsw_control.message_synchronizer import SampleSet
 from fsw_control.node_arguments import NodeArguments

@@ -11,7 +11,7 @@ from fsw_control import weld
 from fsw_control.coded import Coded
 from fsw_control.schema.models import Model, Whole
 from fsw_control.schema.ranges import Range
-from fsw_control.sensors import SURFACE_MM
+from fsw_control.sensors import SENSORS, SURFACE_MM
 
 _LENGTH = Range(0.0, 5.0, "mm")
 
@@ -41,7 +41,7 @@ class DepthChannel(Model):
 
     minimum_mm: Annotated[float, Range(-10.0, 20.0, "mm")] = SURFACE_MM
     """Minimum plausible sample."""
-    maximum_mm: Annotated[float, Range(-10.0, 20.0, "mm")] = 6.0
+    maximum_mm: Annotated[float, Range(-10.0, 20.0, "mm")] = SENSORS["depth"].maximum
     """Maximum plausible sample."""
     noise_mm: Annotated[float, Range(1e-5, 1.0, "mm")] = 0.01
     """Standard deviation of the noise."""
@@ -113,14 +113,20 @@ class DepthFusionSettings(Model):
 
 #: begin of the name of a channel's row in the table of sensors
 SENSOR = "depth_"
-#: the four channels of Posiva SKB Report 08 (2018); their figures are chosen. An LVDT is noisier
-#: here than in ``SENSORS``, because its run-out, aliased, is noise to the fusion
+#: an LVDT is noisier here than in ``SENSORS``: its run-out, aliased, is noise to the fusion
+_LVDT_NOISE_MM = 0.008
+#: the four channels of Posiva SKB Report 08 (2018); their figures are chosen
 CHANNELS = {
-    "laser": DepthChannel(noise_mm=0.015, growth_share=-0.1, bias_deviation_mm=0.04, lead_mm=45.0),
-    "lvdt_lead": DepthChannel(noise_mm=0.008, growth_share=-0.1, lead_mm=60.0),
-    "lvdt_trail": DepthChannel(noise_mm=0.008, growth_share=-0.1, lead_mm=-60.0),
+    "laser": DepthChannel(
+        noise_mm=SENSORS[f"{SENSOR}laser"].noise,
+        growth_share=-0.1,
+        bias_deviation_mm=0.04,
+        lead_mm=45.0,
+    ),
+    "lvdt_lead": DepthChannel(noise_mm=_LVDT_NOISE_MM, growth_share=-0.1, lead_mm=60.0),
+    "lvdt_trail": DepthChannel(noise_mm=_LVDT_NOISE_MM, growth_share=-0.1, lead_mm=-60.0),
     "axial": DepthChannel(
-        noise_mm=0.004,
+        noise_mm=SENSORS[f"{SENSOR}axial"].noise,
         deflection_mm_per_kn=0.03,
         deflection_deviation_mm_per_kn=0.01,
         growth_share=-1.0,

@@ -2,7 +2,7 @@
 
 A new sensor needs a row here and, for a new kind of quantity, its value in the plant
 (``fsw_plant_show``) and its message; a channel of the depth what it shows of the machine
-(``fsw_plant.machine``) and what the fusion knows of it (``fsw_control.depth_channels``).
+(``fsw_plant.library``) and what the fusion knows of it (``fsw_control.depth_channels``).
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fsw_control.journal import AlarmChange, RequestKind
+from fsw_control.cause import AlarmChange, RequestKind
 from fsw_control.reason import Reason, ReasonCode
 from fsw_control.stop import StopCause
 

@@ -12,8 +12,7 @@ from fsw_control.c_library import CController, CLibrary
 from fsw_control.contract import Command, Diagnosis, Limits, Measurement, Proposal, Reference
 from fsw_control.parameters import defaults, problem
 from fsw_control.reason import Reason, ReasonCode
-from fsw_decentral.gains import Gains
-from fsw_decentral.parameters import DecentralParameters
+from fsw_decentral.parameters import DecentralParameters, Gains
 
 KERNEL = CLibrary("fsw_decentral", Path(__file__).parent / "kernel")
 Fault = KERNEL.enum("fsw_decentral_reason", "FSW_DECENTRAL_")

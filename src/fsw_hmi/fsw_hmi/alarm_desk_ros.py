@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.node import Node
 
 from fsw_control import messages_ros as convert
-from fsw_control.journal import AlarmChange
+from fsw_control.cause import AlarmChange
 from fsw_control.topics_ros import LATCHED
 from fsw_hmi.alarm_rules import AlarmRules
 from fsw_hmi.alarm_texts import flood

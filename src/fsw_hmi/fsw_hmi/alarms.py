@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from fsw_control.journal import AlarmChange
+from fsw_control.cause import AlarmChange
 from fsw_hmi.answers import Answer, Code
 
 Priority = Literal["high", "medium", "low"]

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from fsw_control.cause import RequestKind
 from fsw_control.coded import Fact, RefusedError
-from fsw_control.journal import RequestKind
 from fsw_control.schema.models import InputError, json_content_of
 from fsw_hmi import security
 from fsw_hmi.answers import DONE, REFUSED, Answer, Code, Loss, Note, invalid

@@ -10,7 +10,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from fsw_control.journal import AlarmChange
+from fsw_control.cause import AlarmChange
 from fsw_hmi.alarms import FLOOD_ID, RANK, Alarm, AlarmList
 
 LOW, MEDIUM, HIGH = (

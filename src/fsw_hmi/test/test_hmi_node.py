@@ -20,10 +20,10 @@ from rclpy.serialization import serialize_message
 
 from fsw_analysis.rule_book import default
 from fsw_control import messages_ros as convert
+from fsw_control.cause import AlarmChange
 from fsw_control.contract import Command, Diagnosis, Proposal, Reference
 from fsw_control.heat_plan import SHARE_NAME
 from fsw_control.heat_plan import HeatPlan as HeatPlanData
-from fsw_control.journal import AlarmChange
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_control.units import NANOSECONDS
 from fsw_hmi import alarm_rules, hmi_node, main, watch_ros

@@ -14,7 +14,7 @@ from hypothesis.stateful import (
     rule,
 )
 
-from fsw_control.journal import RequestKind
+from fsw_control.cause import RequestKind
 from fsw_hmi.answers import DONE, REFUSED, TIMED_OUT, Code
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.requests import SafeStop

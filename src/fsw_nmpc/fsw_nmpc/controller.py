@@ -18,7 +18,7 @@ from fsw_nmpc.horizon import horizon_of
 from fsw_nmpc.library import KERNEL, Library, Missing, SolveStatus, tuning_of
 from fsw_nmpc.library import Reason as Fault
 from fsw_nmpc.parameters import NmpcParameters
-from fsw_nmpc.settings import Settings
+from fsw_nmpc.tuning import Settings
 
 #: disturbance estimates in the library's order; depth and temperature are sensor offsets
 _DISTURBANCES = (

@@ -14,7 +14,7 @@ from typing import cast
 import casadi as ca
 
 from fsw_model import ModelParameters, equations
-from fsw_model.c_code import plain_c
+from fsw_model.functions import plain_c
 from fsw_nmpc import tuning_struct
 from fsw_nmpc.library import TORQUE_PARAMETERS
 

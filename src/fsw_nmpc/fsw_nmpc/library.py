@@ -13,7 +13,7 @@ from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import ModelParameters
 from fsw_model.equations import depth_modes
 from fsw_nmpc.horizon import Horizon, make_horizon
-from fsw_nmpc.settings import Settings
+from fsw_nmpc.tuning import Settings
 from fsw_nmpc.tuning_struct import values
 
 Vector = NDArray[np.float64]

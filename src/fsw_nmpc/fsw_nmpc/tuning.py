@@ -1,17 +1,22 @@
-"""All tuning of the NMPC as data: the presets ``paper`` and ``default``, knobs, and files."""
+"""All tuning of the NMPC as data: presets, knobs and files; with model and limits its settings."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from math import exp
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
 
-from fsw_control import weld
-from fsw_control.schema.models import Many, Model, content_of, problem, read_text, validate
-from fsw_model import STEP_S, MachineData, ModelParameters
+from fsw_control import Limits, weld
+from fsw_control.parameters import defaults
+from fsw_control.schema.models import Many, Model, Whole, content_of, problem, read_text, validate
+from fsw_control.sensors import SENSORS
+from fsw_control.weld import TICK_S
+from fsw_model import STEP_S, MachineData, ModelParameters, nominal
+from fsw_nmpc.parameters import NmpcParameters
 
 #: Kinds of reference trajectories, see ``kernel/trajectory.c``.
 Trajectory = Literal["approach", "constant", "cold_start", "recentred", "recentred_ahead"]
@@ -33,9 +38,9 @@ def _keep(memory_s: float) -> float:
 class EstimatorTuning(Model):
     """Standard deviations of the sensors and, per tick, of the disturbances' random walks."""
 
-    depth_noise_mm: NonNegativeFloat = 2e-3
-    torque_noise_nm: NonNegativeFloat = 2.0
-    temperature_noise_c: NonNegativeFloat = 0.1
+    depth_noise_mm: NonNegativeFloat = SENSORS["depth"].noise
+    torque_noise_nm: NonNegativeFloat = SENSORS["torque"].noise
+    temperature_noise_c: NonNegativeFloat = SENSORS["thermocouple"].noise
     creep_walk_mm: NonNegativeFloat = 1e-5
     copper_walk_c: NonNegativeFloat = 1e-3
     motor_walk_nm: NonNegativeFloat = 0.05
@@ -167,6 +172,11 @@ class ApproachTuning(Model):
     """lower bound of the usable temperature rate"""
     least_power_kw: NonNegativeFloat = 1.0
     """lower bound of the holding power"""
+    longest_lead_s: Annotated[float, Field(ge=0.0, le=60.0)] = 30.0
+    """longest time by which an approach begins before a known future set-point"""
+    beyond_bound_kw: NonNegativeFloat = 0.15
+    """uncertainty of the estimated heat: a temperature beyond reach is sought with so much more
+    power than a bound of the speed gives, so that noise does not move the speed from its bound"""
 
 
 class Tuning(Model):
@@ -204,6 +214,11 @@ class Tuning(Model):
     """quadratic cost of an interval's move, twice that of the largest move, for both inputs"""
     blocks: Literal[20, 54] = 20
     """20: blocks of moves over the 54 intervals; 54: a move per interval, as in the paper"""
+    second_solve_distance: NonNegativeFloat = 0.5
+    """the problem is solved again about its solution if the first move is further from the
+    expected one, in largest moves"""
+    second_solve_iterations: Annotated[Whole, Field(ge=0)] = 12
+    """but not after a first solve of more iterations: the second one would exceed the tick"""
     tolerance: NonNegativeFloat = 1e-6
     """of the solver: complementarity gap relative to 1 + |cost|"""
     approach: ApproachTuning = ApproachTuning()
@@ -348,3 +363,66 @@ PAPER_LETTER = PAPER.changed(
         jump_sigmas=0.0,
     )
 )
+
+
+_DEFAULTS = defaults(NmpcParameters)
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """All settings of the node, validated."""
+
+    model: ModelParameters
+    tuning: Tuning
+    limits: Limits
+    priority: Priority = _DEFAULTS["priority"]
+    max_iterations: int = _DEFAULTS["max_iterations"]
+    plan_reuse: int = _DEFAULTS["plan_reuse"]
+    blind_limit_s: float = _DEFAULTS["blind_limit"]
+    preview: bool = _DEFAULTS["preview"]
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Settings:
+        """Settings from parameter values; missing ones have their defaults.
+
+        Raises
+        ------
+        ValueError
+            If a value is unknown or out of range, values contradict each other, or a file is not
+            usable.
+        """
+        v = NmpcParameters.from_values(values).flat()
+        model = ModelParameters.from_file(v["model_file"]) if v["model_file"] else nominal()
+        machine = MachineData()
+        if v["machine_file"]:
+            machine = MachineData.from_file(v["machine_file"])
+        tuning = Tuning.preset(v["preset"], model).with_noise(machine)
+        if v["tuning_file"]:
+            tuning = Tuning.from_file(v["tuning_file"], tuning)
+        tuning = tuning.with_knobs(
+            v["depth_aggressiveness"], v["temperature_aggressiveness"], v["calmness"]
+        )
+        return cls(
+            model=model,
+            tuning=tuning,
+            limits=_reached(Limits.of(v), machine),
+            priority=v["priority"],
+            max_iterations=v["max_iterations"],
+            plan_reuse=v["plan_reuse"],
+            blind_limit_s=v["blind_limit"],
+            preview=v["preview"],
+        )
+
+
+def _reached(limits: Limits, machine: MachineData) -> Limits:
+    """Limits whose moves the drives can follow."""
+    rates = {
+        "force_step_kn": machine.force_rate_kn_per_s,
+        "speed_step_rpm": machine.speed_rate_rpm_per_s,
+    }
+    slower = {
+        name: min(getattr(limits, name), TICK_S * rate)
+        for name, rate in rates.items()
+        if rate is not None
+    }
+    return replace(limits, **slower)

@@ -14,8 +14,7 @@ from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hint
 
 from fsw_control import Limits
 from fsw_control.schema.models import Model, descriptions
-from fsw_nmpc.settings import Settings
-from fsw_nmpc.tuning import PRIORITIES, TRAJECTORIES, Share, Tuning
+from fsw_nmpc.tuning import PRIORITIES, TRAJECTORIES, Settings, Share, Tuning
 
 #: Settings without a member in the kernel: the model is a struct of its own, the horizon a part
 #: of it; announced set-points are an input; instead of a memory's time constant the kernel has the
@@ -56,7 +55,8 @@ class Member(NamedTuple):
     @property
     def is_int(self) -> bool:
         """Whether it is an int in C; a choice is the index of the enumeration."""
-        return self.kind is int or get_origin(self.kind) is Literal
+        kind = getattr(self.kind, "__origin__", self.kind)  # without its range
+        return kind is int or kind is Literal
 
     def in_c(self, value: Any) -> Any:
         """Return a value in the form that cffi takes."""

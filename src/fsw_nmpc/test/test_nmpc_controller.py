@@ -77,6 +77,20 @@ def test_the_paper_to_the_letter_estimates_no_disturbance(preset, estimates):
     assert all(moved[:-1]) if estimates else not any(moved)
 
 
+def test_far_solution_is_improved_by_a_second_solve_if_the_first_was_short(tmp_path):
+    file, iterations = tmp_path / "tuning.yaml", []
+    for text in (
+        "second_solve_iterations: 100",
+        "second_solve_iterations: 0",
+        "{second_solve_iterations: 100, second_solve_distance: 2.5}",
+    ):
+        file.write_text(text)
+        loop = Loop(NmpcController({"tuning_file": str(file)}))
+        loop.step()
+        iterations.append(loop.step(Reference(2.96, 816.4)).diagnosis.iterations)
+    assert iterations[0] > iterations[1] == iterations[2]
+
+
 def test_outputs_follow_the_plan():
     """Nominal process, no noise: with inputs as planned, the outputs are as planned."""
     loop = Loop()

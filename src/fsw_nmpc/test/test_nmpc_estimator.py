@@ -5,8 +5,7 @@ import pytest
 
 from fsw_model import ProcessModel, nominal
 from fsw_nmpc.library import tuning_of
-from fsw_nmpc.settings import Settings
-from fsw_nmpc.tuning import PAPER, EstimatorTuning, Tuning
+from fsw_nmpc.tuning import PAPER, EstimatorTuning, Settings, Tuning
 from fsw_test_support.nmpc_problems import LIMITS, begin, make_library
 
 P = nominal()

@@ -12,8 +12,7 @@ from fsw_model import nominal
 from fsw_nmpc import tuning_struct
 from fsw_nmpc.horizon import BLOCK_LENGTHS, PAPER_GRID_S, horizon_of, make_horizon
 from fsw_nmpc.library import KERNEL, Library, Tables, tuning_of
-from fsw_nmpc.settings import Settings
-from fsw_nmpc.tuning import EstimatorTuning, Tuning
+from fsw_nmpc.tuning import ApproachTuning, EstimatorTuning, Settings, Tuning
 from fsw_test_support.c_code import SANITIZE, STRICT, check_layout, compile_c, has_sanitizers
 from fsw_test_support.nmpc_problems import LIMITS, make_library
 
@@ -183,9 +182,10 @@ def test_generated_struct_of_the_tuning_is_up_to_date():
 
 
 def test_every_field_of_the_tuning_reaches_the_kernel():
-    """A field that is left out is one that the kernel has in another form."""
+    """A field that is left out is one that the kernel has in another form, or a whole number."""
     fields = {
         *Tuning.model_fields,
+        *(f"approach.{name}" for name in ApproachTuning.model_fields),
         *(f"estimator.{name}" for name in EstimatorTuning.model_fields),
     }
     ours = {".".join(path) for path in numbers(KERNEL.ffi.typeof("fsw_nmpc_tuning"))}
@@ -194,6 +194,7 @@ def test_every_field_of_the_tuning_reaches_the_kernel():
     assert fields - ours == {
         "trajectory",
         "blocks",
+        "second_solve_iterations",
         *parts,
         *(f"estimator.{name}" for name in memories),
     }
@@ -303,6 +304,14 @@ def test_bounds_without_room_between_are_refused(q):
     tuning = copy_of(library.state.tuning)
     least, most = (("force_min_kn", "force_max_kn"), ("speed_min_rpm", "speed_max_rpm"))[q]
     setattr(tuning, least, getattr(tuning, most))
+    with pytest.raises(ValueError, match="tuning"):
+        library.configure(tuning)
+
+
+def test_lead_that_would_take_long_to_compute_is_refused():
+    library = make_library(20)
+    tuning = copy_of(library.state.tuning)
+    tuning.approach.longest_lead_s = 1e4
     with pytest.raises(ValueError, match="tuning"):
         library.configure(tuning)
 

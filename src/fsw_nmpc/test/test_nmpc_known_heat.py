@@ -14,8 +14,7 @@ from fsw_control.heat_plan import SHARE_NAME, HeatPlan
 from fsw_model import ProcessModel, nominal
 from fsw_model.equations import COPPER
 from fsw_nmpc.library import KERNEL, tuning_of
-from fsw_nmpc.settings import Settings
-from fsw_nmpc.tuning import Tuning
+from fsw_nmpc.tuning import Settings, Tuning
 from fsw_test_support import nmpc_loop
 from fsw_test_support.nmpc_problems import (
     LIMITS,

@@ -11,8 +11,7 @@ from fsw_control.schema.models import InputError
 from fsw_model import MachineData, nominal
 from fsw_nmpc import NmpcController
 from fsw_nmpc.parameters import NmpcParameters
-from fsw_nmpc.settings import Settings
-from fsw_nmpc.tuning import PAPER, TRAJECTORIES, Tuning
+from fsw_nmpc.tuning import PAPER, TRAJECTORIES, Settings, Tuning
 
 REST = Command(78.4, 407.576)
 TARGET = Reference(2.66, 816.4)

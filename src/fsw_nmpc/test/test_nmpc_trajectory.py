@@ -12,8 +12,7 @@ from fsw_control import Limits
 from fsw_model import nominal
 from fsw_model.equations import process_torque_nm
 from fsw_nmpc.library import tuning_of
-from fsw_nmpc.settings import Settings
-from fsw_nmpc.tuning import PAPER, PRIORITIES, Tuning
+from fsw_nmpc.tuning import PAPER, PRIORITIES, ApproachTuning, Settings, Tuning
 from fsw_test_support.nmpc_problems import LIMITS, begin, make_library
 
 NAN = float("nan")
@@ -106,6 +105,17 @@ def test_known_set_points_are_approached_early(library):
     time_s, (depth, _), _ = trajectories(library, changes=[(3.0, 2.70, 816.4), (8.0, 2.66, 816.4)])
     assert depth.max() == pytest.approx(2.70, abs=4e-3)
     assert depth[-1] == pytest.approx(2.66, abs=1e-3)
+
+
+def test_lead_before_a_known_set_point_is_limited(library):
+    tuning = Tuning(approach=ApproachTuning(longest_lead_s=0.0))
+    time_s, (depth, temperature), _ = trajectories(
+        library, tuning=tuning, changes=[(7.0, 2.76, 824.4)]
+    )
+    before = time_s <= 7.0
+    assert depth[before] == pytest.approx(2.66, abs=1e-9)
+    assert temperature[before] == pytest.approx(816.4, abs=1e-9)
+    assert depth[-1] == pytest.approx(2.76, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -246,6 +256,23 @@ def test_trajectories_end_at_attainable_set_points(library):
 
 #: set-points beyond what the spindle at rest can hold, with the bound that it is at
 BEYOND = [("speed_max_rpm", 840.0), ("speed_min_rpm", 795.0)]
+
+
+@pytest.mark.parametrize(("bound", "temperature_c"), BEYOND)
+def test_temperature_beyond_reach_is_sought_with_more_than_the_bound_gives(
+    library, bound, temperature_c
+):
+    ends = []
+    for power_kw in (0.0, 0.15):
+        tuning = Tuning(approach=ApproachTuning(beyond_bound_kw=power_kw))
+        limits = Limits(**{bound: REST_RPM})
+        _, (_, path), _ = trajectories(
+            library, temperature_c=temperature_c, tuning=tuning, limits=limits
+        )
+        ends.append(path[-1])
+    assert ends[0] == pytest.approx(816.4, abs=0.1)
+    beyond_c = (ends[1] - ends[0]) * (1.0 if bound == "speed_max_rpm" else -1.0)
+    assert 0.5 < beyond_c < 1.5
 
 
 @pytest.mark.parametrize(("bound", "temperature_c"), BEYOND)

@@ -12,8 +12,7 @@ from fsw_control.schema import models
 from fsw_control.schema.models import InputError
 from fsw_model import STEP_S, ModelParameters
 from fsw_plant.canister import CanisterParameters
-from fsw_plant.machine import Machine
-from fsw_plant.parameters import PlantParameters
+from fsw_plant.parameters import Machine, PlantParameters
 
 
 @dataclass(frozen=True, slots=True)

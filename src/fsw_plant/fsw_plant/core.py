@@ -115,6 +115,8 @@ class PlantCore:
 
     def measure(self) -> list[float]:
         """Sensor readings, in the order of ``sensors``; call it once per tick."""
+        # by the number of readings, not by what was shown: a tick has the same noise whatever
+        # faults, settings or disturbances did before it
         place = self._n_drawn % BLOCK
         if place == 0:
             self._drawn = KERNEL.ffi.from_buffer("double[]", self._draws.block())

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 from fsw_control import Command, Limits, weld
@@ -31,14 +32,77 @@ from fsw_plant.config import PlantConfig
 from fsw_plant.core import PlantCore
 from fsw_plant.events import OUTPUT_CHANNELS, Disturbance, Fault, PlantEvent, Sample
 from fsw_plant.library import CHANNELS
-from fsw_plant.machine import Machine
+from fsw_plant.parameters import Machine
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.tool_path import ToolTravel
-from fsw_plant.watchdog import Watchdog, WatchdogState
 
 FIRST_TICK = 1
 #: upper bound of the watchdog's duration: its times are limited (parameters.py)
 _REST_TICKS = 36_000
+#: longer steps mean that the plant was suspended, and its process with it [s]
+_LONGEST_STEP_S = 1.0
+
+
+class WatchdogState(IntEnum):
+    """States, with the numbers of ``PlantState.WATCHDOG_*``."""
+
+    OK = 0
+    HOLD = 1
+    SAFE = 2
+
+
+class Watchdog:
+    """Measures the time since the last valid command.
+
+    OK until ``timeout_s`` without a valid command; then HOLD: the last command stays; after
+    another ``hold_s`` SAFE: the force decreases to ``safe_force_kn`` at ``safe_rate_kn_per_s`` (a
+    lower force stays) and the spindle keeps its speed. A valid command ends both at once. Before
+    the first valid command it holds without going to SAFE, unless ``armed_at_start``. The
+    settings are those of ``parameters.py``.
+    """
+
+    def __init__(self, config: PlantConfig) -> None:
+        self.config = config
+        self.begin()
+
+    def begin(self) -> None:
+        """Wait for the first command."""
+        self.state = WatchdogState.OK
+        self.age_s = 0.0
+        self.armed: bool = self.config["watchdog.armed_at_start"]
+
+    def feed(self) -> None:
+        """Note a valid command."""
+        self.age_s = 0.0
+        self.armed = True
+        self.state = WatchdogState.OK
+
+    def expire(self) -> None:
+        """Ramp to the safe state now, as the incoming commands ignore a safe stop in force."""
+        self.armed = True
+        self.age_s = max(
+            self.age_s, self.config["watchdog.timeout_s"] + self.config["watchdog.hold_s"]
+        )
+
+    def advance(self, force_kn: float, elapsed_s: float = STEP_S) -> float:
+        """Decide for the step that begins now, and count it: returns the force to apply.
+
+        ``elapsed_s`` is the steady time since the previous step, for steps that are late.
+        """
+        step_s = min(max(elapsed_s, STEP_S), _LONGEST_STEP_S)
+        self.age_s += step_s - STEP_S
+        config = self.config.values
+        age, timeout_s = self.age_s + 1e-9, config["watchdog.timeout_s"]
+        if age >= timeout_s:
+            safe = self.armed and age >= timeout_s + config["watchdog.hold_s"]
+            self.state = WatchdogState.SAFE if safe else WatchdogState.HOLD
+            safe_force_kn = config["watchdog.safe_force_kn"]
+            if safe and force_kn > safe_force_kn:
+                force_kn = max(
+                    safe_force_kn, force_kn - config["watchdog.safe_rate_kn_per_s"] * step_s
+                )
+        self.age_s += STEP_S
+        return force_kn
 
 
 class BeyondDrivesError(OperatingPointError):
@@ -193,6 +257,8 @@ class PlantEmulator:
         """The samples sent at the present tick; repeatable. ``stamp_ns`` replaces its stamp."""
         if self._reading is not None and self._reading.tick == self.tick:
             return self._reading
+        # Scheduled events are in the programme's time, which stands while a weld is held; one
+        # that begins has the plant's time, so that its own course follows the clock
         if self.schedule.events:
             lag_s = self.travel.lag_s
             for event in self.schedule.due(self.travel.programme_s(self.tick)):
@@ -203,6 +269,8 @@ class PlantEmulator:
                 name: fault for name, fault in self.faults.items() if not fault.over(self.time_s)
             }
         self._disturb()
+        # from the process outwards, as on a machine: sensors with noise, the footprint's bias,
+        # faults on the way, and the fusion of what has arrived, whose result can be faulty as well
         shown = dict(zip(self.core.sensors, self.core.measure(), strict=True))
         angle_deg = self.core.angle_deg
         bias_mm = 0.0
@@ -252,6 +320,7 @@ class PlantEmulator:
                 setattr(self.core.added, CHANNELS[event.target], 0.0)
         else:
             if isinstance(event, Disturbance):
+                # by channel, so that two random disturbances of a weld are independent
                 event.begin((self.config["seed"], list(CHANNELS).index(event.target)))
             active[event.slot] = event
 
@@ -287,6 +356,9 @@ class PlantEmulator:
 
     def step(self, elapsed_s: float = STEP_S) -> None:
         """Advance by a tick; never raises. The watchdog uses ``elapsed_s`` since the last step."""
+        # The command for this tick has come or not: the watchdog decides what acts from here to
+        # the next tick. Of the disturbances, those on inputs act over this step, those on outputs
+        # at the measurement that follows
         force_kn = self.watchdog.advance(self.applied.force_kn, elapsed_s)
         if force_kn != self.applied.force_kn:
             self.applied = Command(force_kn, self.applied.speed_rpm)
@@ -373,6 +445,8 @@ def come_to_rest(plant: PlantEmulator) -> None:
 
     It then waits for a first command again, as at the start.
     """
+    # armed, it ramps also if no command has come yet; it is at rest once a step in SAFE no longer
+    # changes the force
     plant.watchdog.armed = True
     for _ in range(_REST_TICKS):
         before_kn = plant.applied.force_kn

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fsw_model.c_code import plain_c
-from fsw_model.functions import general_functions
+from fsw_model.functions import general_functions, plain_c
 
 PATH = Path(__file__).parent / "kernel" / "equations.c"
 

@@ -1,11 +1,11 @@
-"""Binding of the plant in C (``kernel/fsw_plant.h``): settings, process, noise of the sensors."""
+"""Binding of the plant in C (``kernel/fsw_plant.h``): settings, process, machine, sensors."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 from math import expm1, pi
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_model import ModelParameters
 from fsw_model.equations import STEP_S, delay_steps, numbers_of
 from fsw_plant.config import PlantConfig
-from fsw_plant.machine import MOUNTS, hardness_waves
+from fsw_plant.parameters import Machine
 
 KERNEL = CLibrary("fsw_plant", Path(__file__).parent / "kernel")
 #: channels of disturbances, in the order of ``fsw_plant_disturbance``, with its fields
@@ -73,6 +73,8 @@ class Draws:
     """
 
     def __init__(self, seed: int, sensors: int = len(REQUIRED)) -> None:
+        # a stream of its own for each sensor, by seed and row: another sensor at the end of the
+        # table, or one that is silent, leaves the noise of the others as it was
         self._generators = [
             np.random.Generator(np.random.PCG64([seed, i])) for i in range(sensors)
         ]
@@ -137,3 +139,55 @@ def configure_machine(plant: Any, config: PlantConfig, seed: int) -> None:
     own.harder = machine.hardness - 1.0
     if machine.hardness_variation:
         own.wave, own.phase = hardness_waves(machine, seed, own.circumference_mm, len(own.wave))
+
+
+#: stream of the random numbers of the hardness; the sensors have the first ones
+_HARDNESS_STREAM = 1000
+
+
+class Mount(NamedTuple):
+    """Share of deflection and growth in a sensor: ``fsw_plant_mount`` in C; all chosen.
+
+    The axial position is that of the machine: deflection, growth and edge lie between it and the
+    surface. Laser and LVDTs ride beside the shoulder and miss only the growth of the tool below
+    them.
+    """
+
+    deflection: float = 0.0
+    tool: float = 0.0
+    canister: float = 0.0
+    swelling: float = 0.0
+    runout: float = 0.0
+    edge_here: float = 0.0
+    edge_ahead: float = 0.0
+    lead_mm: float = 0.0
+
+
+def _rider(swelling: float, runout: float, lead_mm: float) -> Mount:
+    return Mount(0.0, -0.1, 0.0, swelling, runout, -1.0, 1.0, lead_mm)
+
+
+MOUNTS = {
+    "ideal": Mount(),
+    "depth_laser": _rider(1.0, 0.5, 45.0),
+    "depth_lvdt_lead": _rider(0.0, 1.0, 60.0),
+    "depth_lvdt_trail": _rider(0.3, -1.0, -60.0),
+    "depth_axial": Mount(deflection=1.0, tool=-1.0, canister=-1.0, edge_here=-1.0),
+}
+
+
+def hardness_waves(
+    machine: Machine, seed: int, circumference_mm: float, harmonics: int
+) -> tuple[list[float], list[float]]:
+    """Amplitudes and phases of the hardness along the circumference, by harmonic.
+
+    The amplitudes fall beyond the length within which the hardness is similar as those of a
+    first-order Gauss-Markov process.
+    """
+    harmonic = np.arange(1, harmonics + 1)
+    # the exponential correlation's spectrum over the wave number falls as 1 / (1 + (k length)^2);
+    # amplitudes are its root, scaled to the requested deviation (a sine has half its square)
+    wave = 1.0 / np.hypot(1.0, 2.0 * pi * harmonic * machine.hardness_length_mm / circumference_mm)
+    wave *= machine.hardness_variation / np.sqrt(0.5 * np.sum(wave**2))
+    draws = np.random.Generator(np.random.PCG64([seed, _HARDNESS_STREAM]))
+    return wave.tolist(), draws.uniform(0.0, 2.0 * pi, harmonics).tolist()

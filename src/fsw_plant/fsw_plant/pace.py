@@ -52,6 +52,8 @@ class Lockstep:
 
     def must_repeat(self, now_s: float, timeout_s: float) -> bool:
         """Whether to resend the present tick: every ``timeout_s``, and for a new publisher."""
+        # a supervisor that was started during the tick has not seen it: it would wait for a
+        # measurement, and lockstep for its command, without end
         if self.answered or now_s - self._sent_s < min(timeout_s, self._repeat_s):
             return False
         self._sent_s = now_s
@@ -92,6 +94,10 @@ class TickStamps:
 
     def next(self, wall_ns: int, steady_ns: int) -> int:
         """Stamp of the tick due now by the wall clock; ``steady_ns`` is the steady clock."""
+        # What the wall clock moved beyond the steady clock since the last tick is what it was set
+        # by. Set back: the stamps keep their pace, ahead of the clock by that much. Set forward,
+        # or a process that was suspended: they jump. Less than that is jitter of the timer, and
+        # the drift between the clocks, which small corrections follow
         set_by_ns = wall_ns - self._wall_ns - (steady_ns - self._steady_ns)
         self._wall_ns, self._steady_ns = wall_ns, steady_ns
         if self._last_ns is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import create_model
 
@@ -11,10 +11,14 @@ from fsw_control.common_parameters import Commands, DriveBounds, numbers
 from fsw_control.parameters import AT_START, NodeParameters
 from fsw_control.schema.models import Model, Whole
 from fsw_control.schema.ranges import Range
-from fsw_control.sensors import SENSORS, Sensor
+from fsw_control.sensors import DEPTH_CHANNELS, SENSORS, Sensor
 from fsw_model import ModelParameters
 from fsw_plant.canister import CanisterParameters
-from fsw_plant.machine import Machine
+
+if TYPE_CHECKING:
+    DepthSensor = str
+else:  # so that the schema has the names
+    DepthSensor = Literal["ideal", *DEPTH_CHANNELS]
 
 
 class Start(Model):
@@ -109,6 +113,49 @@ class Watchdog(Model):
     """Rate of the ramp to the safe force (chosen)."""
     armed_at_start: bool = False
     """Whether the watchdog is armed from the start rather than from the first valid command."""
+
+
+class Machine(Model):
+    """Parameters ``machine.*``; by default the machine is rigid and the copper even."""
+
+    depth_channels: bool = False
+    """Whether the machine has several sensors of the depth, from which fsw/depth is fused."""
+    depth_sensor: DepthSensor = "ideal"
+    """Without depth_channels: the channel behind fsw/depth, with that channel's errors."""
+    footprint_file: str = ""
+    """JSON file of fsw.py footprint, of an earlier weld on the machine: its bias of the depth is
+    taken off; empty: none."""
+    compliance_mm_per_kn: Annotated[float, Range(0.0, 0.2, "mm/kN")] = 0.0
+    """Deflection of the machine by the axial force; the axial position shows it as depth."""
+    touch_off_kn: Annotated[float, Range(0.0, 200.0, "kN")] = weld.FORCE_KN
+    """Axial force at which the touch-off has removed the deflection from the shown depth."""
+    tool_growth_mm_per_kw: Annotated[float, Range(0.0, 0.1, "mm/kW")] = 0.0
+    """Thermal growth of tool and spindle in steady state, since the touch-off; the tool is deeper
+    than it is shown."""
+    tool_growth_s: Annotated[float, Range(1.0, 100_000.0, "s")] = 600.0
+    """Time constant of that growth, first order (chosen)."""
+    canister_growth_mm_per_kw: Annotated[float, Range(0.0, 0.1, "mm/kW")] = 0.0
+    """Thermal growth of the canister towards the machine in steady state."""
+    canister_growth_s: Annotated[float, Range(1.0, 100_000.0, "s")] = 1500.0
+    """Time constant of that growth, first order (chosen)."""
+    hardness: Annotated[float, Range(0.5, 2.0, "")] = 1.0
+    """Hardness of this canister's copper, as a factor on all stresses: force and torque that the
+    same depth needs are proportional to it."""
+    hardness_variation: Annotated[float, Range(0.0, 0.2, "")] = 0.0
+    """Standard deviation of the hardness along the circumference, as a share; the seed decides
+    where the copper is hard."""
+    hardness_length_mm: Annotated[float, Range(1.0, 2000.0, "mm")] = 200.0
+    """Length along the circumference within which the hardness is similar (chosen)."""
+    runout_mm: Annotated[float, Range(0.0, 1.0, "mm")] = 0.0
+    """Amplitude of the head's movement once per turn of the spindle, aliased by the tick."""
+    swelling_mm_per_mm: Annotated[float, Range(0.0, 5.0, "")] = 0.0
+    """Height of flash and swollen copper beside the shoulder per depth beyond swelling_from_mm."""
+    swelling_from_mm: Annotated[float, Range(0.0, 10.0, "mm")] = 2.4
+    """Depth at which copper begins to swell (chosen)."""
+    edge_mm: Annotated[float, Range(-2.0, 2.0, "mm")] = 0.0
+    """Height of an edge of the surface across the path of the tool."""
+    edge_at_mm: Annotated[float, Range(0.0, 10_000.0, "mm")] = 100.0
+    """Where on the path the edge is."""
 
 
 class PlantParameters(NodeParameters):

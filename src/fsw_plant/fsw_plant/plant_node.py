@@ -35,13 +35,12 @@ from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import DriveFeedback, PlantState, WeldCommand, WeldProgress
 from fsw_plant import reports_ros as reports
 from fsw_plant.config import PlantConfig
-from fsw_plant.emulator import PlantEmulator, come_to_rest
+from fsw_plant.emulator import PlantEmulator, WatchdogState, come_to_rest
 from fsw_plant.pace import Lockstep, TickStamps
 from fsw_plant.parameters import PlantParameters
 from fsw_plant.process import prepare
 from fsw_plant.schedule import PlantSchedule
 from fsw_plant.services_ros import PlantServices
-from fsw_plant.watchdog import WatchdogState
 
 _WATCH_S = 0.2
 _REPORT_S = 1.0
@@ -176,6 +175,8 @@ class PlantNode(ManagedNode):
     def _next_tick(self) -> None:
         if self._fence.overdue:
             self.emulator.watchdog.expire()
+        # In simulated time the watchdog counts ticks, as the wait for a command is no time there;
+        # in real time it counts the steady clock, as a late timer is time without commands
         stamp_ns = self.emulator.measure().stamp_ns
         before_s, self._stepped_s = self._stepped_s, time.monotonic()
         self.emulator.step(TICK_S if self._simulated else self._stepped_s - before_s)
@@ -257,6 +258,8 @@ class PlantNode(ManagedNode):
 
     def _go_on(self) -> None:
         """Begin the next tick of lockstep if nothing is awaited any more."""
+        # Only who commands and who plays are awaited at each tick; a recorder or a page is awaited
+        # now and then, before a queue overflows, so that a weld is no slower than its controllers
         if self._running and self._pace.complete:
             if self.emulator.tick % _ARRIVAL_TICKS == 0:
                 self.await_arrival(self._settings["lockstep_timeout_s"])

@@ -8,8 +8,7 @@ from fsw_control.command_writers_ros import CommandWriters
 from fsw_control.messages_ros import header
 from fsw_control.reports_ros import ERROR, OK, WARN, Report, commands
 from fsw_msgs.msg import PlantState
-from fsw_plant.emulator import PlantEmulator, Truth
-from fsw_plant.watchdog import WatchdogState
+from fsw_plant.emulator import PlantEmulator, Truth, WatchdogState
 
 #: by the end of a field's name in `Truth`; the field of the message lacks that end
 _UNITS = {"mm": "mm", "c": "degC", "nm": "N m", "kw": "kW", "kn": "kN", "rpm": "rpm"}

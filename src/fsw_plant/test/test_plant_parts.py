@@ -12,15 +12,15 @@ from fsw_control import Command, Limits
 from fsw_control.command_gate import REASONS, CommandGate
 from fsw_control.parameters import defaults
 from fsw_control.sensors import REQUIRED, SENSORS
-from fsw_model.c_code import WRITER
 from fsw_model.equations import numbers_of
+from fsw_model.functions import WRITER
 from fsw_plant import PlantConfig, PlantEmulator, kernel_codegen
+from fsw_plant.emulator import Watchdog, WatchdogState
 from fsw_plant.events import Disturbance, Fault, Sample
 from fsw_plant.library import KERNEL, Draws, model_of, sensors_of
 from fsw_plant.pace import JUMP_NS, NUDGE_NS, Lockstep, TickStamps
 from fsw_plant.parameters import PlantParameters
 from fsw_plant.reports_ros import truth_message
-from fsw_plant.watchdog import Watchdog, WatchdogState
 
 TICK_NS = 100_000_000
 DEFAULTS = PlantConfig.from_values({})

@@ -23,8 +23,8 @@ from fsw_analysis.weld_signals import (
     WeldSignals,
     experiment_time_s,
 )
+from fsw_control.command_gate import answer
 from fsw_control.contract import Command, Controller, Limits, Measurement, Proposal, Reference
-from fsw_control.host import answer
 from fsw_control.ramps import ReferencePlan, stair
 from fsw_control.reason import Reason
 from fsw_control.schema.models import InputError

@@ -13,7 +13,7 @@ import numpy as np
 
 from fsw_model import ModelParameters
 from fsw_nmpc.horizon import Horizon
-from fsw_nmpc.library import KERNEL, Library, SolveStatus, Vector
+from fsw_nmpc.library import Library, SolveStatus, Vector
 from fsw_test_support.nmpc_prediction import prediction_function, start_vector
 
 _LONGEST_ITERATIONS = 500
@@ -26,14 +26,10 @@ def cumulation(horizon: Horizon) -> Vector:
 
 
 def input_bounds(problem: Any, tuning: Any, horizon: Horizon) -> tuple[Vector, Vector]:
-    """Bounds (2 n_blocks,) on the inputs' change at the end of every block, relaxed to what can be reached."""
-    share = KERNEL.lib.FSW_RETURN_PERCENT / 100.0
-    reach = share * np.outer(
-        np.cumsum(horizon.block_sizes * horizon.block_reach), largest_moves(tuning)
-    )
+    """Bounds (2 n_blocks,) on the inputs' change at the end of every block."""
     now = np.array([problem.start.force_kn, problem.start.speed_rpm])
     low, high = np.array(input_ranges(tuning)).T - now
-    return np.minimum(low, reach).ravel(), np.maximum(high, -reach).ravel()
+    return np.tile(low, horizon.n_blocks), np.tile(high, horizon.n_blocks)
 
 
 def input_ranges(tuning: Any) -> list[tuple[float, float]]:

@@ -15,8 +15,7 @@ from fsw_model import ModelParameters, nominal
 from fsw_nmpc import NmpcController
 from fsw_nmpc.horizon import Horizon, horizon_of
 from fsw_nmpc.library import KERNEL, Library, SolveStatus, State, pointer, tuning_of
-from fsw_nmpc.settings import Settings
-from fsw_nmpc.tuning import PAPER, Tuning
+from fsw_nmpc.tuning import PAPER, Settings, Tuning
 
 Vector = NDArray[np.float64]
 LIMITS = Limits()

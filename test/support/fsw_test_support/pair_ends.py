@@ -10,8 +10,8 @@ from fsw_control.units import NANOSECONDS
 from fsw_control.weld import TICK_NS, TICK_S
 from fsw_machine.gateway import Order
 from fsw_machine.samples import CycleTracker
+from fsw_plant.emulator import Watchdog, WatchdogState
 from fsw_plant.pace import TickStamps
-from fsw_plant.watchdog import Watchdog, WatchdogState
 from fsw_test_support.pair_parts import Holder
 from fsw_test_support.pair_settings import (
     CONFIG,

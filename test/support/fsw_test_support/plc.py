@@ -15,7 +15,7 @@ from fsw_machine.machine_file import MachineFile
 from fsw_machine.parameters import GatewayParameters
 from fsw_machine.samples import CycleRead, RawValue
 from fsw_plant.config import PlantConfig
-from fsw_plant.watchdog import Watchdog
+from fsw_plant.emulator import Watchdog
 
 MACHINE = MachineFile.parse((resources.files("fsw_machine") / "machine.yaml").read_text())
 

@@ -15,11 +15,6 @@
 /* tolerated violation of a limit by a solution, as a share of the largest move; the proposal
  * itself is clipped */
 #define ACCEPTED 1e-6
-/* The solve is repeated about its solution if the first move differs from the expected one by more
- * than this (in largest moves), unless the first solve took so many iterations that a second one
- * would exceed the tick. */
-#define FAR 0.5
-#define SHORT_SOLVE 12
 /* where the numbers of a model begin, which are its last members */
 #define NUMBERS offsetof(fsw_nmpc_model, ahead_mode)
 
@@ -89,7 +84,7 @@ static int is_usable(const fsw_nmpc_tuning *t) {
   FSW_EACH_SHARE(COMPARE)
   for (int q = 0; q < 2; q++)
     if (!(fsw_reach(t, q) > 0.0) || !(fsw_least(t, q) < fsw_most(t, q))) return 0;
-  if (!(t->approach.force_time_s > 0.0 && t->approach.power_time_s > 0.0)) return 0;
+  if (!(t->approach.force_time_s > 0.0 && t->approach.power_time_s > 0.0 && t->approach.longest_lead_s <= LONGEST_HORIZON_S)) return 0;
   if (!(t->estimator.torque_outlier_factor >= 1.0 && t->estimator.torque_min_nm > 0.0)) return 0;
   if (!(t->estimator.known_heat_evidence > 0.0)) return 0;
   if (!(t->estimator.drift_keep < 1.0)) return 0;
@@ -276,19 +271,17 @@ static int judge(const fsw_nmpc *c, const double *moves, const double *depth, co
   const fsw_nmpc_tuning *t = &c->tuning;
   if (!fsw_is_finite(total(moves, 2 * m->n_blocks) + total(depth, m->n_out) + total(temp, m->n_out))) return FSW_NOT_FINITE;
   for (int q = 0; q < 2; q++) {
-    const double now = c->applied[q], slack = ACCEPTED * fsw_reach(t, q);
+    const double slack = ACCEPTED * fsw_reach(t, q);
     const double low = fsw_least(t, q), high = fsw_most(t, q);
-    double input = now, reach = 0.0;
+    double input = c->applied[q];
     for (int i = 0; i < m->n_out; i++) {
       const int b = m->interval_block[i];
       const double move = moves[2 * b + q], most = fsw_reach(t, q) * m->block_reach[b];
       if (move > most + slack || move < -most - slack) return FSW_TOO_FAST;
       input += move;
-      /* an input outside its bounds must return as fast as it may */
-      reach += FSW_RETURN_PERCENT / 100.0 * most;
       if (i + 1 < m->n_out && m->interval_block[i + 1] == m->interval_block[i]) continue;
-      if (input > (high > now - reach ? high : now - reach) + m->n_out * slack) return FSW_OUTSIDE_BOUNDS;
-      if (input < (low < now + reach ? low : now + reach) - m->n_out * slack) return FSW_OUTSIDE_BOUNDS;
+      if (input > high + m->n_out * slack) return FSW_OUTSIDE_BOUNDS;
+      if (input < low - m->n_out * slack) return FSW_OUTSIDE_BOUNDS;
     }
   }
   return FSW_OK;
@@ -383,7 +376,7 @@ void fsw_nmpc_end(fsw_nmpc *c, const double *moves, const double *depth, const d
 /* Whether the first move is so far from the linearisation that a second solve is worthwhile. */
 static int is_far(const fsw_nmpc *c, const double *moves, const double *about) {
   for (int q = 0; q < 2; q++)
-    if (fabs(moves[q] - about[q]) > FAR * fsw_reach(&c->tuning, q)) return 1;
+    if (fabs(moves[q] - about[q]) > c->tuning.second_solve_distance * fsw_reach(&c->tuning, q)) return 1;
   return 0;
 }
 
@@ -405,7 +398,7 @@ void fsw_nmpc_step(fsw_nmpc *c, const fsw_nmpc_input *in, fsw_nmpc_output *out) 
     status = fsw_solve(c, &c->problem, v, depth, temp, out);
     iterations += out->iterations;
     if (status == FSW_OK) status = judge(c, v, depth, temp);
-    if (status == FSW_OK ? iterations > SHORT_SOLVE || !is_far(c, v, about) : size == 0.0) break;
+    if (status == FSW_OK ? iterations > c->tuning.second_solve_iterations || !is_far(c, v, about) : size == 0.0) break;
     if (status != FSW_OK)
       for (int j = 0; j < nv; j++) v[j] = 0.0;
   }

@@ -39,8 +39,7 @@ enum {
   FSW_MAX_CHANGES = 8,                 /* known future set-points */
   FSW_MODES = 10,
   FSW_STATES = 13,
-  FSW_ESTIMATES = 8,                   /* of fsw_nmpc_output */
-  FSW_RETURN_PERCENT = 98              /* share of the largest move for a return into the bounds */
+  FSW_ESTIMATES = 8                    /* of fsw_nmpc_output */
 };
 
 /* The model: constant tables. */
@@ -242,7 +241,7 @@ double fsw_contact_depth(const fsw_estimator *e, const fsw_nmpc_model *m, double
  * of w->by as the model's widths say. Returns FSW_OK, or FSW_NOT_FINITE. */
 int fsw_predict(const fsw_nmpc_model *m, const fsw_start *start, const double *v, fsw_workspace *w);
 
-/* One real-time iteration about the moves in v, which receive the solution. */
+/* One real-time iteration about the moves in v, which receive the solution. The problem's inputs start within the bounds. */
 int fsw_solve(fsw_nmpc *c, const fsw_problem *problem, double *v, double *depth, double *temp, fsw_nmpc_output *out);
 
 #ifdef __cplusplus

@@ -28,6 +28,11 @@ typedef struct {
   double least_rate_c_per_s;
   /* lower bound of the holding power */
   double least_power_kw;
+  /* longest time by which an approach begins before a known future set-point */
+  double longest_lead_s;
+  /* uncertainty of the estimated heat: a temperature beyond reach is sought with so much more
+   * power than a bound of the speed gives, so that noise does not move the speed from its bound */
+  double beyond_bound_kw;
 } fsw_approach_tuning;
 
 typedef struct {
@@ -133,6 +138,9 @@ typedef struct {
   double move_speed_per_rpm;
   /* quadratic cost of an interval's move, twice that of the largest move, for both inputs */
   double full_move_cost;
+  /* the problem is solved again about its solution if the first move is further from the expected
+   * one, in largest moves */
+  double second_solve_distance;
   /* of the solver: complementarity gap relative to 1 + |cost| */
   double tolerance;
   fsw_approach_tuning approach;
@@ -150,6 +158,8 @@ typedef struct {
   double blind_limit_s;
   /* reference trajectory: approach, constant, cold_start, recentred or recentred_ahead */
   int trajectory;
+  /* but not after a first solve of more iterations: the second one would exceed the tick */
+  int second_solve_iterations;
   int priority;
   int max_iterations;
   int plan_reuse;

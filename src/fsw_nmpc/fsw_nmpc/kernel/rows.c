@@ -27,7 +27,7 @@ static int padded(int n) { return (n + FSW_PAD - 1) / FSW_PAD * FSW_PAD; }
 static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, const fsw_start *s, const double *v,
                             fsw_workspace *w) {
   const int nv = w->nv = 2 * m->n_blocks;
-  double intervals[FSW_MAX_BLOCKS] = {0.0}, reach[2] = {0.0, 0.0};
+  double intervals[FSW_MAX_BLOCKS] = {0.0};
   const double now[2] = {s->force_kn, s->speed_rpm}, move_weight[2] = {t->move_force_per_kn, t->move_speed_per_rpm};
   for (int i = 0; i < m->n_out; i++) intervals[m->interval_block[i]] += 1.0;
   w->n_moves = 0;
@@ -43,11 +43,8 @@ static void build_variables(const fsw_nmpc_model *m, const fsw_nmpc_tuning *t, c
     const double weight = move_weight[q] * w->size[j];
     w->gradient[j] = -weight;
     if (weight > 0.0) w->move[w->n_moves++] = j;
-    /* an input outside its bounds must return as fast as it may */
-    reach[q] += FSW_RETURN_PERCENT / 100.0 * w->size[j];
-    const double low = fsw_least(t, q) - now[q], high = fsw_most(t, q) - now[q];
-    w->input_low[j] = low < reach[q] ? low : reach[q];
-    w->input_high[j] = high > -reach[q] ? high : -reach[q];
+    w->input_low[j] = fsw_least(t, q) - now[q];
+    w->input_high[j] = fsw_most(t, q) - now[q];
   }
   for (int j = nv; j < padded(nv); j++) w->z[j] = w->step[j] = w->dual[j] = 0.0;
 }

@@ -22,15 +22,12 @@
 /* An approach has arrived within this distance. */
 #define AT_REST_MM 2e-6
 #define AT_REST_C 2e-5
-#define LONGEST_LEAD_S 30.0
 #define BISECTIONS 20
-/* The estimated heat is uncertain by so much: a temperature beyond reach is sought with this much more
- * than a bound gives (chosen), so that noise does not move the speed from its bound. */
-#define MORE_KW 0.15
 
+/* `lag_s`: of the output behind the steered quantity; 0: none. */
 typedef struct {
-  double slow_s, fast_s, at_rest, brake_share, acceleration, least_rate, top_rate;
-  double lag_s;                /* of the output behind the steered quantity; 0: none */
+  double slow_s, fast_s, acceleration, least_rate, top_rate, at_rest, lag_s;
+  const fsw_approach_tuning *tuning;
 } approach;
 
 typedef struct { double at_s, value; } target; /* a set-point from at_s on */
@@ -42,7 +39,7 @@ typedef struct { double steered, rate, output; } motion;
  * s), continued smoothly at `near`. */
 static void advance(const approach *a, motion *now, double goal, double dt_s) {
   const double distance = now->steered - goal, size = fabs(distance), before = now->steered, last = now->rate;
-  const double braking = a->brake_share * a->acceleration;
+  const double braking = a->tuning->brake_share * a->acceleration;
   const double near = braking * a->slow_s * a->slow_s; /* within it the time constant governs */
   const double speed = size <= near ? size / a->slow_s : sqrt(2.0 * braking * (size - 0.5 * near));
   const double wanted = fsw_clip(distance < 0.0 ? speed : -speed, a->least_rate, a->top_rate);
@@ -93,7 +90,7 @@ static void follow(const approach *a, motion now, double begin_s, const target *
 static double half_time_s(const approach *a, double size) {
   motion now = {0.0, 0.0, 0.0};
   double time_s = 0.0;
-  while (fabs(now.output) < 0.5 * fabs(size) && time_s < LONGEST_LEAD_S) {
+  while (fabs(now.output) < 0.5 * fabs(size) && time_s < a->tuning->longest_lead_s) {
     advance(a, &now, size, FSW_TICK_S);
     time_s += FSW_TICK_S;
   }
@@ -293,10 +290,10 @@ static void keep_within_reach(const fsw_nmpc *c, int bound, const double *depth,
                               double *path) {
   const fsw_nmpc_model *m = &c->model;
   const double shown = ahead->steered - copper_c;
-  double tool_c = ahead->output - shown, more_kw = bound ? MORE_KW : -MORE_KW;
+  double tool_c = ahead->output - shown, beyond_kw = (bound ? 1.0 : -1.0) * c->tuning.approach.beyond_bound_kw;
   for (int k = 0, at = 0; k < m->n_steps; k++) {
     const int i = m->step_interval[k];
-    const double *step = m->modes + k * FSW_MODES, known_kw = c->problem.start.heat_ahead_kw[k] + more_kw;
+    const double *step = m->modes + k * FSW_MODES, known_kw = c->problem.start.heat_ahead_kw[k] + beyond_kw;
     if (i < first) continue;
     while (m->time_s[at] < m->time_s[i] - m->dead_time_s - 1e-9) at++;
     const double depth_rate = at ? (depth[at] - depth[at - 1]) / (m->time_s[at] - m->time_s[at - 1]) : 0.0;
@@ -310,8 +307,8 @@ static void keep_within_reach(const fsw_nmpc *c, int bound, const double *depth,
 static void approaches(fsw_nmpc *c, const fsw_nmpc_input *in, double *depth, double *temp) {
   const fsw_nmpc_model *m = &c->model;
   const fsw_nmpc_tuning *t = &c->tuning;
-  approach to_depth = {t->depth_time_s, t->approach.force_time_s, AT_REST_MM, t->approach.brake_share, 0.0, 0.0, 0.0, 0.0};
-  approach to_temp = {t->temperature_time_s, t->approach.power_time_s, AT_REST_C, t->approach.brake_share, 0.0, 0.0, 0.0, m->tool_lag_s};
+  approach to_depth = {t->depth_time_s, t->approach.force_time_s, 0.0, 0.0, 0.0, AT_REST_MM, 0.0, &t->approach};
+  approach to_temp = {t->temperature_time_s, t->approach.power_time_s, 0.0, 0.0, 0.0, AT_REST_C, m->tool_lag_s, &t->approach};
   target targets[FSW_MAX_CHANGES + 1];
   double copper_c, at_s[FSW_MAX_CHANGES + 1], goals[FSW_MAX_CHANGES + 1][3];
   const int n_goals = goals_of(c, in, at_s, goals);
