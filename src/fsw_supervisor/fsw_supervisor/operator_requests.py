@@ -157,15 +157,32 @@ class OperatorRequests:
         """
         if self.machine.mode is not Mode.SAFE_STOP:
             return Answer.refused(Code.NO_STOP)
-        if why_stop := self.safety.why_stop(acknowledged=True):
-            self.machine.log(Level.WARN, who, Code.ACKNOWLEDGE_REFUSED, answer=why_stop)
-            return Answer(False, why_stop)
-        # The actuator end may have begun a stop of its own, which this would acknowledge unseen.
-        if self.machine.reported not in (None, self.machine.register.value):
-            return Answer.refused(Code.STOP_UNCONFIRMED)
+        if why_not := self._why_not_acknowledged():
+            self.machine.log(Level.WARN, who, Code.ACKNOWLEDGE_REFUSED, answer=why_not)
+            return Answer(False, why_not)
         self.safety.readmit(who)
         self.machine.acknowledge(who)
         return Answer.done(Code.ACKNOWLEDGED)
+
+    def _why_not_acknowledged(self) -> Fact | None:
+        """Why a safe stop cannot be acknowledged now; None if it can be."""
+        # The actuator end may have begun a stop of its own, which this would acknowledge unseen.
+        unseen = self.machine.reported not in (None, self.machine.register.value)
+        unconfirmed = Fact.of(Code.STOP_UNCONFIRMED) if unseen else None
+        return self.safety.why_stop(acknowledged=True) or unconfirmed
+
+    @property
+    def acknowledgement_blocked_by(self) -> tuple[str, ...]:
+        """Interlocks and sensors that refuse an acknowledgement now, else the answer's code."""
+        # Only the supervisor knows which trips are consequences of the stop; a restart in
+        # mid-stop loses that, and the same trip refuses from then on.
+        stopped = self.machine.mode is Mode.SAFE_STOP
+        why_not = self._why_not_acknowledged() if stopped else None
+        causes = () if why_not is None else why_not.data.get("causes", (why_not,))
+        return tuple(
+            fact.data.get("interlock") or fact.data.get("sensor") or str(fact.code)
+            for fact in causes
+        )
 
     def serve(self, now_s: float) -> None:
         """Make the requested swap, if possible; call it between two ticks."""

@@ -404,12 +404,13 @@ def test_an_interlock_trips_on_what_the_load_cell_sees(bench):
     bench.until(lambda: bench.peer.commands[-1].source == "safe_stop")
     bench.until(lambda: bench.peer.states[-1].actual_mode == "safe_stop")
     assert bench.peer.states[-1].why[0].interlocks == ["force_high"]
+    assert bench.peer.states[-1].acknowledgement_blocked_by == ["force_high"]
     acknowledge = bench.peer.create_client(OperatorRequest, "fsw/acknowledge")
     refused = bench.call(acknowledge, OperatorRequest.Request())
     assert (refused.ok, refused.code) == (False, "cause_present")
     assert "force_high" in refused.message
     bench.peer.pushed_kn = 0.0
-    bench.until(lambda: not bench.peer.states[-1].interlocks)
+    bench.until(lambda: not bench.peer.states[-1].acknowledgement_blocked_by)
     assert bench.call(acknowledge, OperatorRequest.Request()).ok
     bench.until(lambda: not bench.peer.states[-1].stop.stopped)
     mode = bench.peer.create_client(SetMode, "fsw/set_mode")
