@@ -23,6 +23,9 @@ from fsw_supervisor.tick import Decision, Tick
 LISTEN_S = 0.25
 #: the same if another node publishes commands but none has arrived yet [s]
 _LISTEN_LONG_S = 1.0
+#: the same on standby, where a leader is expected [s] (chosen: more than one process of a graph
+#: lags behind another at the start)
+_LISTEN_STANDBY_S = 5.0
 #: in lockstep, on standby: silence after which a leader counts as dead [s] (chosen: it publishes
 #: its state once a second, and a stalled recorder delays that by 0.5 s, ``DELIVERY_S``)
 _SILENT_S = 2.0
@@ -59,6 +62,9 @@ class Failover:
     dead leader: simulated time stands while any process is late. There the standby takes over from
     a leader of whom it hears nothing any more, neither commands nor its repeated state.
 
+    Before the first report there are no ticks to count: the plant may wait for a publisher of
+    commands. Then a standby that hears of no leader leads as after any other start.
+
     ``identity`` is unique among supervisors. With ``standby`` it starts as standby; otherwise it
     leads unless another supervisor does.
     """
@@ -74,7 +80,7 @@ class Failover:
         self.rival_writer = False
         self._arbiter, self._identity = arbiter, identity
         self._heard_term = 0
-        self._started_s = self._called_s = self._reported_s = now_s
+        self._listening_since_s = self._called_s = self._reported_s = now_s
         self._asserted_s = float("-inf")
         self._confirmed = False  #: the actuator end has reported the present lead
         self._tick = 0  # number of the last tick that this has seen begin
@@ -95,7 +101,7 @@ class Failover:
         """Steady time at which the arbiter's ``on_time`` must be called; None if not needed."""
         arbiter_s = self._arbiter.wakeup_s
         times = [] if arbiter_s is None else [arbiter_s]
-        if self.role is Role.LISTENING:
+        if self._listens:
             times.append(self._listening_ends_s)
         tick = self._arbiter.ticks.present
         unanswered = tick is not None and not tick.answered
@@ -137,13 +143,15 @@ class Failover:
     def pass_on(self, decisions: list[Decision], now_s: float) -> list[Decision]:
         """Return what may be published; call it with the decisions of each call of the arbiter."""
         self._called_s = now_s
-        if self._leader_heard and self._arbiter.lockstep:
-            self._await_leader(now_s)
+        if self._leader_heard:
+            self._listening_since_s = now_s
+            if self._arbiter.lockstep:
+                self._await_leader(now_s)
         self._leader_heard = False
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
                 return []
-            unanswered = self.unanswered + 1 if self.role is Role.STANDBY else 0
+            unanswered = 0 if self._listens else self.unanswered + 1
             self.role, self.term, self._confirmed = Role.ACTIVE, 0, False
             decisions = self._arbiter.lead(unanswered)
         if decisions and self.actuator is None:
@@ -229,8 +237,19 @@ class Failover:
     # ---------------------------------------------------------------- standby
 
     @property
+    def _listens(self) -> bool:
+        """Whether it leads unless it hears of a leader in time, without counting ticks."""
+        # A leader that is only slow has its publisher in the graph, so no time deposes it. Of two
+        # that end listening together, reports and identities decide (``on_leader_state``).
+        alone = self.actuator is None and not self.rival_writer
+        return self.role is Role.LISTENING or (self.role is Role.STANDBY and alone)
+
+    @property
     def _listening_ends_s(self) -> float:
-        return self._started_s + (_LISTEN_LONG_S if self.rival_writer else LISTEN_S)
+        listen_s = _LISTEN_LONG_S if self.rival_writer else LISTEN_S
+        if self.role is Role.STANDBY:
+            listen_s = _LISTEN_STANDBY_S
+        return self._listening_since_s + listen_s
 
     def _needed(self, now_s: float) -> int:
         """Ticks unanswered in a row, the present one included, that trigger a takeover."""
@@ -255,7 +274,7 @@ class Failover:
         if tick is not None and self.machine.tick != self._tick:
             self._begin(tick)
             tick = self._arbiter.ticks.present  # the leader may have answered it already
-        if self.role is Role.LISTENING:
+        if self._listens:
             return now_s >= self._listening_ends_s
         if tick is None or now_s < self._due_s or self.actuator is None:
             return False
