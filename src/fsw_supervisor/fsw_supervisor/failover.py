@@ -121,6 +121,8 @@ class Failover:
         """
         if self.role is not Role.ACTIVE or self.actuator is None:
             return True
+        # As with a lease (Gray and Cheriton 1989): others take over only after a silence that is
+        # longer than this. A leader that has run or received a report since has not been silent.
         return now_s - self._reported_s <= self._lease_s or now_s - self._called_s <= self._lease_s
 
     @property
@@ -168,6 +170,7 @@ class Failover:
     def on_actuator(self, state: ActuatorState, now_s: float) -> None:
         """Take the actuator end's report, before the measurement that it came with."""
         before, self.actuator, self._reported_s = self.actuator, state, now_s
+        # Each takeover counts, by whomever: in a duel of two slow supervisors both become patient.
         if before is not None and before.leader and state.term > before.term:
             self._takeovers_s.append(now_s)
         self._heard_term = max(self._heard_term, state.term)

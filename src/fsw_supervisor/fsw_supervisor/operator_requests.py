@@ -193,6 +193,9 @@ class OperatorRequests:
         if machine.mode is not Mode.AUTO:
             self.drop(Fact.of(Code.MODE_CHANGED, mode=machine.mode))
             return
+        # Between two ticks only, so that every tick is decided under one controller. A controller
+        # that is not ready yet keeps the request pending until it expires; a request that was
+        # answered at once (time-out 0) has nobody who waits.
         why_not = self._why_not(request.name)
         if why_not and (request.strict or request.done):
             self.drop(why_not)
@@ -206,6 +209,8 @@ class OperatorRequests:
         request, settings = self._pending, self.machine.settings
         if request is None or request.done:
             return
+        # After the swap the tick under way may still apply it, hence the guard of one deadline. In
+        # lockstep the time-out counts in stamps, and the wall clock is only a guard.
         swapped = request.name == self.machine.active
         guard_s = settings.deadline_s if swapped else 0.0
         if self.lockstep:

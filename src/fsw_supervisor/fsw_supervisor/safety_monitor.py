@@ -353,7 +353,9 @@ class SafetyMonitor:
                 self._judge(item, bad, elapsed_s)
             elif isfinite(value) and _SENSOR.get(item.quantity) not in held:
                 self._judge(item, value, elapsed_s)
-        # what was free of a trip during a stop, and trips later, cannot be its cause
+        # What was free of a trip during a stop, and trips later, cannot be its cause. Being free
+        # has to last as long as a trip has to: a single value between two trips proves nothing.
+        # A restart forgets it, and then a trip refuses: unknown counts as a cause.
         new = (set(self.tripped) - before) & self._was_free
         self._consequences = (self._consequences & set(self.tripped) if stopped else set()) | new
         if not self.tripped:
