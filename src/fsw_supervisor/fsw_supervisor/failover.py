@@ -79,10 +79,10 @@ class Failover:
         #: other nodes publish commands, perhaps a leader whose commands have not arrived
         self.rival_writer = False
         self._arbiter, self._identity = arbiter, identity
-        self._heard_term = 0
+        self.heard_term = 0  #: greatest term heard of, in reports or from another leader
         self._listening_since_s = self._called_s = self._reported_s = now_s
         self._asserted_s = float("-inf")
-        self._confirmed = False  #: the actuator end has reported the present lead
+        self.confirmed = False  #: the actuator end has reported the present lead
         self._tick = 0  # number of the last tick that this has seen begin
         self._leader_heard = False  #: since the last call
         self._early: tuple[int, str, Command] | None = None
@@ -154,7 +154,7 @@ class Failover:
             if not self._takes_over(now_s):
                 return []
             unanswered = 0 if self._listens else self.unanswered + 1
-            self.role, self.term, self._confirmed = Role.ACTIVE, 0, False
+            self.role, self.term, self.confirmed = Role.ACTIVE, 0, False
             decisions = self._arbiter.lead(unanswered)
         if decisions and self.actuator is None:
             self._arbiter.withhold(decisions)
@@ -162,7 +162,7 @@ class Failover:
         if decisions and self.actuator is not None:
             # A new term is taken with the first command, not with the role: a leader that never
             # sends does not depose anybody.
-            self.term = self.term or max(self.actuator.term, self._heard_term) + 1
+            self.term = self.term or max(self.actuator.term, self.heard_term) + 1
         return decisions
 
     # ---------------------------------------------------------------- inputs
@@ -173,8 +173,8 @@ class Failover:
         # Each takeover counts, by whomever: in a duel of two slow supervisors both become patient.
         if before is not None and before.leader and state.term > before.term:
             self._takeovers_s.append(now_s)
-        self._heard_term = max(self._heard_term, state.term)
-        self._confirmed |= state.leader == self._identity
+        self.heard_term = max(self.heard_term, state.term)
+        self.confirmed |= state.leader == self._identity
         self._arbiter.on_actuator(state)
         is_led = state.leader and state.unanswered < self._needed(now_s)
         if self.role is Role.ACTIVE and self._is_other(state):
@@ -200,9 +200,9 @@ class Failover:
         if self.role is Role.ACTIVE:
             self._arbiter.on_command(stamp_ns, source, command, by_supervisor)
             return
-        if not leader or term < self._heard_term or refusal(command) is not None:
+        if not leader or term < self.heard_term or refusal(command) is not None:
             return
-        self._heard_term, self._leader_heard = term, True
+        self.heard_term, self._leader_heard = term, True
         tick = self._arbiter.ticks.present
         age_ns = tick.stamp_ns - stamp_ns if tick is not None else -1
         if age_ns < 0:
@@ -233,8 +233,8 @@ class Failover:
                     self.asserting, self._asserted_s = True, self._called_s
                 return False
             self._step_down()
-        follows = self._leader_heard = term >= self._heard_term
-        self._heard_term = max(self._heard_term, term)
+        follows = self._leader_heard = term >= self.heard_term
+        self.heard_term = max(self.heard_term, term)
         return follows
 
     # ---------------------------------------------------------------- standby
@@ -334,7 +334,7 @@ class Failover:
         # it took over but has sent nothing yet, and the previous leader answers again
         if not self.term:
             return other and answers
-        return other and (state.term >= self.term or (answers and not self._confirmed))
+        return other and (state.term >= self.term or (answers and not self.confirmed))
 
     def _step_down(self) -> None:
         self.role, self.term, self.asserting = Role.STANDBY, 0, False
