@@ -255,9 +255,9 @@ class WeldPlayer:
         """Stop sending if foreign set-points are in force."""
         if not self.set_points.are_by_hand():
             return
-        what = "after a resume" if self.scenario.phases else "no more in this scenario"
+        when = "after a resume" if self.scenario.phases else "no more in this scenario"
         self._node.get_logger().warning(
-            f"manual set-points are in force; those planned follow {what}"
+            f"manual set-points are in force; those planned follow {when}"
         )
         self.set_points.course.leave()
         self.set_points.announce()
