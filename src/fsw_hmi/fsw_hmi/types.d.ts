@@ -78,8 +78,6 @@ interface State {
   by: string;
   stop_cause: number;
   acknowledged: boolean;
-  /** interlocks and sensors that refuse an acknowledgement of the stop now */
-  acknowledgement_blocked_by: string[];
   controllers: Health[];
   interlocks: { name: string; level: string }[];
 }

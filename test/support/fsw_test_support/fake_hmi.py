@@ -569,7 +569,6 @@ def _state() -> dict[str, Any]:
         "by": "operator",
         "stop_cause": 0,
         "acknowledged": False,
-        "acknowledgement_blocked_by": [],
         "controllers": [
             {"name": "nmpc", "latency_ms": 14.0, **health, **counts},
             {"name": "decentral", "latency_ms": 2.0, **health, **counts},
