@@ -26,6 +26,8 @@ _LISTEN_LONG_S = 1.0
 #: the same on standby, where a leader is expected [s] (chosen: more than one process of a graph
 #: lags behind another at the start)
 _LISTEN_STANDBY_S = 5.0
+#: a process that was not called for so long has not listened [s] (chosen: ten of its looks)
+_DEAF_S = 2.0
 #: in lockstep, on standby: silence after which a leader counts as dead [s] (chosen: it publishes
 #: its state once a second, and a stalled recorder delays that by 0.5 s, ``DELIVERY_S``)
 _SILENT_S = 2.0
@@ -102,7 +104,7 @@ class Failover:
         arbiter_s = self._arbiter.wakeup_s
         times = [] if arbiter_s is None else [arbiter_s]
         if self._listens:
-            times.append(self._listening_ends_s)
+            times.append(min(self._listening_ends_s, self._called_s + _DEAF_S / 2.0))
         tick = self._arbiter.ticks.present
         unanswered = tick is not None and not tick.answered
         if unanswered and self.role is not Role.ACTIVE and self._due_s > self._called_s:
@@ -144,11 +146,13 @@ class Failover:
 
     def pass_on(self, decisions: list[Decision], now_s: float) -> list[Decision]:
         """Return what may be published; call it with the decisions of each call of the arbiter."""
-        self._called_s = now_s
-        if self._leader_heard:
+        # On a busy machine a start, or a pause, may last longer than the listening time. What has
+        # arrived meanwhile, and who is in the graph, is not known yet.
+        if self._leader_heard or now_s - self._called_s > _DEAF_S:
             self._listening_since_s = now_s
-            if self._arbiter.lockstep:
-                self._await_leader(now_s)
+        self._called_s = now_s
+        if self._leader_heard and self._arbiter.lockstep:
+            self._await_leader(now_s)
         self._leader_heard = False
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
