@@ -40,14 +40,17 @@ BUDGETS = {
 LIMITS = {"function": 60, "class": 250, "file": 400}
 SHORT = 60
 #: short for a reason: what tools demand by name, thin nodes beside pure cores, a node's
-#: parameters, a study's command, scripts, generators that are run as modules; entry points, so
-#: that a command loads only what it needs; and leaves, which import only the standard library, so
-#: that every program can import them before and without the rest
+#: parameters, a study's command, scripts; what is run by ``python -m``; entry points and the
+#: modules of ``import fsw``, so that a command or a user's controller loads only what it needs; and
+#: leaves, which import only the standard library, so that every program can import them before and
+#: without the rest
 _MAY_BE_SHORT = re.compile(
-    r"(^|/)(__init__|setup|parameters|conftest|command)\.py$|_(ros|node|codegen)\.py$"
-    r"|^(scripts|examples)/"
+    r"(^|/)(__init__|setup|parameters|conftest|command)\.py$"
+    r"|_(ros|node)\.py$|^(scripts|examples)/"
 )
+_RUN_BY_NAME = 'if __name__ == "__main__":'
 _ENTRY_POINT = re.compile(r'^\S+ = "([\w.]+)(?::\S+)?"$', re.MULTILINE)
+_OF_IMPORT_FSW = re.compile(r'^    "([\w.]+)": \("', re.MULTILINE)
 #: mode of a symbolic link in a tree of git
 _LINK = "120000"
 _NO_CODE = {
@@ -111,11 +114,14 @@ def short_modules() -> list[str]:
         for path in projects
         for name in _ENTRY_POINT.findall(path.read_text("utf-8"))
     }
+    api = (WORKSPACE / "src/fsw/fsw/__init__.py").read_text("utf-8")
+    entries |= {name.replace(".", "/") for name in _OF_IMPORT_FSW.findall(api)}
     return [
         name
         for name, text in sources("")
         if name.endswith(".py")
         and not _MAY_BE_SHORT.search(name)
+        and _RUN_BY_NAME not in text
         and "/".join(Path(name).with_suffix("").parts[2:]) not in entries
         and code_lines(text) < SHORT
         and not _is_leaf(text)

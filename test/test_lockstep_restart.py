@@ -1,4 +1,4 @@
-"""A supervisor dies in lockstep.
+"""A supervisor dies in lockstep, or none was started as the leader.
 
 The one that replaces it gets the graph going again, in the tick that stands.
 """
@@ -9,7 +9,7 @@ from rclpy.context import Context
 
 from fsw_control import messages_ros as convert
 from fsw_control.topics_ros import STREAM
-from fsw_msgs.msg import WeldCommand
+from fsw_msgs.msg import DriveFeedback, WeldCommand
 from fsw_scenario.graph import STANDBY, WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario_file import parse
@@ -54,9 +54,15 @@ class Observer(Spinner):
         super().__init__(self.context)
         self.executor.add_node(self.node)
         self.node.create_subscription(WeldCommand, "/fsw/command", self._on_command, STREAM)
+        self.leaders = set()  # of which the actuator end has taken a command
+        self.node.create_subscription(DriveFeedback, "/fsw/drives", self._on_drives, STREAM)
 
     def _on_command(self, message):
         self.stamps_ns.append(convert.stamp_ns(message.header.stamp))
+
+    def _on_drives(self, message):
+        state = convert.actuator_state(message)
+        self.leaders |= {(state.term, state.leader)} if state.leader else set()
 
     def ticks(self, count):
         """Wait for so many newer ticks."""
@@ -101,3 +107,26 @@ def test_the_graph_continues_after_its_supervisor_was_killed(
             arguments = ["--ros-args", "--params-file", str(file)]
             launcher.start("supervisor", "fsw_supervisor.supervisor_node", arguments)
         observer.ticks(30)
+
+
+@pytest.mark.requirement("S9")
+@pytest.mark.parametrize("realtime", [False, True])
+def test_one_of_two_standbys_leads_when_the_plant_waits_for_a_command(
+    realtime, tmp_path, domain_id, observer
+):
+    derived = {"fsw_supervisor": {"standby": True}}
+    with Launcher(tmp_path / "log", domain_id) as launcher:
+        graph = WeldGraph(
+            parse(SCENARIO),
+            tmp_path / "weld",
+            realtime=realtime,
+            record=False,
+            standby=True,
+            derived=derived,
+        )
+        graph.start(launcher)
+        observer.ticks(1)
+        observer.ticks(30)
+        publishers = observer.node.count_publishers
+        observer.until(lambda: publishers("/fsw/command") == 1, "the other one on standby")
+        assert len(observer.leaders) == 1

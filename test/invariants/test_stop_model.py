@@ -93,7 +93,7 @@ def acknowledge_unconfirmed(self, who):
 
 def lead_with_the_first_term(self, decisions, now_s):
     if not self.term:
-        self._heard_term, self.actuator = 0, self.actuator._replace(term=0)
+        self.heard_term, self.actuator = 0, self.actuator._replace(term=0)
     return pass_on(self, decisions, now_s)
 
 

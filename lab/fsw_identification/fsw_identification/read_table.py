@@ -1,7 +1,7 @@
 """Reads a machine's log as the signals of a weld: a CSV file, arrays, or a data frame of pandas.
 
-The counterpart of :mod:`fsw_analysis.export`, for logs of any origin: columns are known by their
-name and unit, whatever the sampling rate.
+The counterpart of :mod:`fsw_analysis.weld_signals`, for logs of any origin: columns are known by
+their name and unit, whatever the sampling rate.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _UNITS: dict[str, dict[str, float]] = {
     "speed": {"rpm": 1.0, "1/min": 1.0, "r/min": 1.0, "rad/s": _RPM, "rad_per_s": _RPM},
 }
 _KELVIN_C = -273.15
-#: quantities of a weld's table, see `fsw_analysis.export`; the first are needed
+#: quantities of a weld's table, see `fsw_analysis.weld_signals`; the first are needed
 _NEEDED = ("time", "depth", "temperature", "torque", "force", "speed")
 _OPTIONAL = ("reference_depth", "reference_temperature", "drives_force", "drives_speed")
 #: words that may stand before a needed quantity; with any other word it can be a set-point or that

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fsw_analysis.export import export_weld
+from fsw_analysis.weld_signals import export_weld
 from fsw_control.schema.models import InputError
 from fsw_identification.read_table import read_table
 

@@ -16,9 +16,8 @@ from fsw.command import (
     parameters_by_node,
     switch,
 )
-from fsw.console import ProgressBar
+from fsw.console import ProgressBar, check_new, write_json
 from fsw.errors import CommandError
-from fsw.outputs import check_new, write_json
 from fsw_analysis.messages import WeldMessages
 from fsw_control.schema.models import InputError
 from fsw_control.schema.ranges import Range

@@ -6,11 +6,19 @@ import argparse
 import sys
 from pathlib import Path
 
-from fsw.command import FORCE, FORMAT_BESIDE, command, file, option, switch
-from fsw.console import ProgressBar
+from fsw.command import (
+    FORCE,
+    FORMAT_BESIDE,
+    REQUIRE_SIGNED_PROCEDURE,
+    TRUSTED,
+    command,
+    file,
+    option,
+    switch,
+    trusted_keys,
+)
+from fsw.console import ProgressBar, check_new, default_folder
 from fsw.errors import CommandError, program
-from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED, trusted_keys
-from fsw.outputs import check_new, default_folder
 from fsw_control.schema.extensions import Extra
 
 _REPORT = "report"

@@ -15,10 +15,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fsw.command import FORCE, command, file, number, option, picture, repeated
-from fsw.console import ProgressBar, print_table
+from fsw.console import (
+    ProgressBar,
+    check_new,
+    default_folder,
+    new_folder,
+    print_table,
+    write_whole,
+)
 from fsw.errors import CommandError
-from fsw.outputs import check_new, default_folder, new_folder, write_whole
-from fsw_analysis.export import write_table
+from fsw_analysis.weld_signals import write_table
 from fsw_control.schema.models import InputError
 from fsw_control.schema.ranges import Range
 from fsw_heat import heat_figures, load_or_reduce

@@ -19,9 +19,8 @@ import fsw
 from fsw import __version__
 from fsw.bags import data_sha256, read_weld
 from fsw.command import GRAPH, command, file, number, option, switch
-from fsw.console import ProgressBar
+from fsw.console import ProgressBar, new_folder, write_text
 from fsw.errors import SHOWN, CommandError, program
-from fsw.outputs import new_folder, write_text
 from fsw.welds import Weld
 from fsw_analysis.changes import changes, part
 from fsw_analysis.kpi import compute

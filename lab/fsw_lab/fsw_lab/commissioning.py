@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from fsw.outputs import write_text
+from fsw.console import write_text
 from fsw_analysis.report import table
 from fsw_control import weld
 from fsw_control.cause import Severity

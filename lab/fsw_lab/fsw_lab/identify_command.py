@@ -9,9 +9,8 @@ from pathlib import Path
 import fsw
 from fsw.bags import print_notes, read_weld
 from fsw.command import FORCE, FORMAT, assigned, command, file, number, option, repeated, switch
-from fsw.console import ProgressBar, print_table
+from fsw.console import ProgressBar, check_new, new_folder, print_table, write_text
 from fsw.errors import CommandError
-from fsw.outputs import check_new, new_folder, write_text
 from fsw.welds import Weld
 from fsw_analysis.changes import cut_to_scenario
 from fsw_control.schema.models import range_of

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from fsw.bags import data_sha256, read_weld
 from fsw.command import FORCE, command, file, option, switch
-from fsw.console import ProgressBar, print_table
+from fsw.console import ProgressBar, check_new, print_table, write_text
 from fsw.errors import CommandError
-from fsw.outputs import check_new, write_text
 from fsw_analysis.changes import cut_to_scenario
 from fsw_identification.heat_learning import Learned, learn
 from fsw_lab.heat_update import check_heat, check_record, check_type, earlier_bags

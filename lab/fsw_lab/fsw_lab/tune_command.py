@@ -12,8 +12,7 @@ import yaml
 
 import fsw
 from fsw.command import FORCE, FORMAT, command, file, number, switch
-from fsw.console import ProgressBar, print_table
-from fsw.outputs import listed, new_folder
+from fsw.console import ProgressBar, listed, new_folder, print_table
 from fsw_control.schema.ranges import Range
 from fsw_model import MachineData, ModelParameters
 from fsw_tuning import margins

@@ -14,8 +14,7 @@ import pytest
 import yaml
 
 from fsw.main import main
-from fsw_analysis.export import export_weld
-from fsw_analysis.weld_signals import WeldSignals
+from fsw_analysis.weld_signals import WeldSignals, export_weld
 from fsw_lab.identify import Identified, weld_of
 from fsw_lab.tune_command import write_tunings
 from fsw_model import MachineData, ModelParameters, ParameterCovariance

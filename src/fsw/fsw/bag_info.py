@@ -9,8 +9,7 @@ from typing import Any
 
 from fsw.bags import DAMAGED_TOO, bag_argument, print_notes
 from fsw.command import FORCE, command, file, option, switch
-from fsw.console import ProgressBar, print_table
-from fsw.outputs import check_new, write_json
+from fsw.console import ProgressBar, check_new, print_table, write_json
 from fsw_control.units import NANOSECONDS
 from fsw_recorder import recover as recovering
 from fsw_recorder.bag_reader import BagReader

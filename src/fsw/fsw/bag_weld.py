@@ -10,12 +10,11 @@ from pathlib import Path
 
 from fsw.bags import bag_argument, print_notes, read_weld, welds_of
 from fsw.command import FORCE, FORMAT, PICTURES, command, file, option, switch
+from fsw.console import check_new, write_json
 from fsw.errors import CommandError
-from fsw.outputs import check_new, write_json
 from fsw_analysis import kpi, kpi_table, phase_kpi
 from fsw_analysis.changes import cut_to_scenario, missing_at_end_s
-from fsw_analysis.export import export_weld
-from fsw_analysis.weld_signals import WeldSignals
+from fsw_analysis.weld_signals import WeldSignals, export_weld
 from fsw_control.schema.models import InputError
 from fsw_scenario.scenario_file import parse
 

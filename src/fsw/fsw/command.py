@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -14,6 +14,11 @@ from fsw.errors import CommandError, program
 from fsw_control.schema.extensions import Extra
 from fsw_control.schema.ranges import Range
 from fsw_control.schema.yaml_text import load_yaml
+
+if TYPE_CHECKING:
+    from securesystemslib.signer import CryptoSigner  # from the extra signing
+
+    from fsw_recorder.signature import TrustedKey
 
 Run = Callable[[argparse.Namespace], int]
 #: adds itself to a parser
@@ -215,3 +220,35 @@ GRAPH = (
         "--namespace", metavar="NS", default="", help="of the weld, e.g. cell1 (default: none)"
     ),
 )
+
+
+# ---------------------------------------------------------------- signatures
+
+PRIVATE_KEY = file("--key", "private key that signs (default: ~/.config/fsw-control/evidence_key)")
+TRUSTED = repeated(
+    "--trusted",
+    "FILE",
+    "public key of a trusted signer, or a list of them with purposes and validity (YAML)",
+    type=Path,
+)
+REQUIRE_SIGNED = switch("--require-signed", "refuse a procedure and a manifest that nobody signed")
+REQUIRE_SIGNED_PROCEDURE = switch("--require-signed", "refuse a procedure that nobody signed")
+
+
+def private_key(arguments: argparse.Namespace) -> CryptoSigner:
+    """The signing key of a command that signs."""
+    from fsw_recorder import signature  # most commands neither sign nor verify
+
+    return signature.load_private(arguments.key or signature.default_key())
+
+
+def trusted_keys(arguments: argparse.Namespace, own: bool = False) -> tuple[TrustedKey, ...]:
+    """The trusted keys, with that of the signing key if the user's ``own`` counts.
+
+    An entry of a list prevails over it.
+    """
+    from fsw_recorder import signature
+
+    key = getattr(arguments, "key", None) or signature.default_key()
+    own_keys = [signature.public_path(key)] if own else []
+    return signature.load_trusted([*own_keys, *arguments.trusted])

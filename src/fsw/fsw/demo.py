@@ -10,9 +10,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from fsw.command import FORCE, FORMAT, command, file, option, switch
-from fsw.console import ProgressBar
+from fsw.console import ProgressBar, new_folder
 from fsw.errors import HOW, CommandError, exit_code, middleware_is_here
-from fsw.outputs import new_folder
 from fsw.simulate_command import run_side_by_side, write_results
 from fsw.simulation import closed_loop
 from fsw_analysis.changes import cut_to_scenario
@@ -26,10 +25,10 @@ from fsw_plant import PlantConfig, prepare
 from fsw_scenario import live
 from fsw_scenario.controllers import OURS, variants_of
 from fsw_scenario.graph import WeldGraph
-from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.launcher import Launcher
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, shipped, with_controller
+from fsw_scenario.weld_programme_course import HeatAhead
 
 DEFAULT_SCENARIOS = ("reference_tracking", "output_disturbances")
 SWAP_SCENARIO = "controller_swap"

@@ -9,9 +9,8 @@ import numpy as np
 
 from fsw.bags import data_sha256, read_weld
 from fsw.command import FORCE, command, file, number, option, repeated
-from fsw.console import print_table
+from fsw.console import check_new, print_table, write_json
 from fsw.errors import CommandError
-from fsw.outputs import check_new, write_json
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.depth_channels import CHANNELS, SENSOR, ChannelHealth, DepthFusionSettings
 from fsw_control.depth_footprint import (

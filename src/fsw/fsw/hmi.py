@@ -21,7 +21,7 @@ HMI = group("hmi", "the operator's page: who may command by it")
 @command(
     "hmi user",
     "named users in a file of salted hashes, for users_file of the page's server",
-    option("what", choices=("add", "passwd", "remove", "list"), help="passwd: a new password"),
+    option("action", choices=("add", "passwd", "remove", "list"), help="passwd: a new password"),
     option("name", metavar="NAME", nargs="?", default="", help="the user; not for list"),
     file("--file", "the users, for its owner alone", required=True),
     description="Passwords come from a prompt, or from stdin in a pipe.",
@@ -30,7 +30,7 @@ HMI = group("hmi", "the operator's page: who may command by it")
 def user(arguments: argparse.Namespace) -> int:
     from fsw_hmi.users import read, write
 
-    path, verb = arguments.file, arguments.what
+    path, verb = arguments.file, arguments.action
     if (verb == "list") == bool(arguments.name):
         raise CommandError(f"hmi user {verb}: give {'no' if arguments.name else 'a'} NAME")
     try:
@@ -52,7 +52,7 @@ def _changed(users: list[User], arguments: argparse.Namespace) -> list[User]:
     """All users after the command."""
     from fsw_hmi.users import checked_name, new_user
 
-    name, verb = arguments.name, arguments.what
+    name, verb = arguments.name, arguments.action
     before = next((user for user in users if user.name.casefold() == name.casefold()), None)
     if verb == "add" and before is not None:
         raise CommandError(

@@ -14,6 +14,8 @@ from fsw.bags import print_notes
 from fsw.command import (
     FORCE,
     FORMAT,
+    REQUIRE_SIGNED_PROCEDURE,
+    TRUSTED,
     assigned,
     command,
     file,
@@ -23,14 +25,12 @@ from fsw.command import (
     repeated,
     switch,
 )
-from fsw.console import ProgressBar, print_table
+from fsw.console import ProgressBar, listed, new_folder, print_table
 from fsw.errors import HOW, CommandError, middleware_is_here
-from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
-from fsw.outputs import listed, new_folder
 from fsw.simulation import closed_loop
 from fsw_analysis import kpi, kpi_table, phase_kpi
-from fsw_analysis.export import export_weld
 from fsw_analysis.figures import Run, draw, draw_whole_weld
+from fsw_analysis.weld_signals import export_weld
 from fsw_control.free_domain import free_domain
 from fsw_control.schema.models import content_of, read_text
 from fsw_control.weld import TICK_S

@@ -72,14 +72,14 @@ def _as_text(name: str, value: Any) -> str:
         raise InputError(f"{name} is a number, text, list or mapping, not {value!r}") from None
 
 
-def _copied(user_object: T, what: str) -> T:
+def _copied(user_object: T, kind: str) -> T:
     """A copy for one weld, so that no weld sees what another one left in the object's memory."""
     try:
         return deepcopy(user_object)
     except Exception as error:  # e.g. a solver in C
         raise InputError(
-            f"simulate: {what} {type(user_object).__name__} cannot be copied: {error}; define "
-            "__deepcopy__" + (", or give it by its name" if what == "controller" else "")
+            f"simulate: {kind} {type(user_object).__name__} cannot be copied: {error}; define "
+            "__deepcopy__" + (", or give it by its name" if kind == "controller" else "")
         ) from None
 
 

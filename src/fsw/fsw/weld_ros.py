@@ -17,8 +17,8 @@ from fsw.operator_node import Operator, ask, domain_text, operator
 from fsw_control import units
 from fsw_msgs.action import RunWeld
 from fsw_msgs.srv import OperatorRequest
+from fsw_scenario.running_kpi import REFUSED
 from fsw_scenario.scenario_file import load
-from fsw_scenario.weld_outcome import REFUSED
 from fsw_scenario.weld_programme import State
 
 _ACTION = "fsw/run_weld"

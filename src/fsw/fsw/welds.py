@@ -16,9 +16,8 @@ from fsw.arguments import validated
 from fsw.simulation import Source, closed_loop, overrides_of
 from fsw_analysis import kpi, kpi_table
 from fsw_analysis.changes import cut_to_scenario
-from fsw_analysis.export import Column, export_weld, weld_table
 from fsw_analysis.kpi_table import Kpi
-from fsw_analysis.weld_signals import WeldSignals
+from fsw_analysis.weld_signals import Column, WeldSignals, export_weld, weld_table
 from fsw_control.contract import Controller
 from fsw_control.schema.extensions import Extra
 from fsw_control.schema.models import InputError

@@ -14,9 +14,9 @@ import pytest
 
 import fsw
 from fsw.command import picture
+from fsw.console import new_folder
 from fsw.errors import CommandError, exit_code
 from fsw.main import GROUP, parser
-from fsw.outputs import new_folder
 from fsw_control.schema.extensions import extensions
 from fsw_test_support.command_line import replaces_nothing, run
 from fsw_test_support.sample_weld import write_sample_weld

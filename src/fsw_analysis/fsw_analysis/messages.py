@@ -170,9 +170,9 @@ class WeldMessages:
                 messages[:] = [(publish_ns, publish_ns, data) for _, publish_ns, data in messages]
                 messages.sort(key=itemgetter(0))
 
-    def controllers(self, what: str) -> dict[str, str]:
+    def controllers(self, kind: str) -> dict[str, str]:
         """Topics of ``proposal`` or ``status`` messages, by the controller's name."""
-        topic = re.compile(rf"/fsw/([^/]+)/{what}")
+        topic = re.compile(rf"/fsw/([^/]+)/{kind}")
         return {match[1]: name for name in sorted(self.raw) if (match := topic.fullmatch(name))}
 
     def decoded(self, name: str) -> Iterator[tuple[int, int, Any]]:

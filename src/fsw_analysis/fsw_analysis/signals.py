@@ -290,10 +290,10 @@ def _references(messages: WeldMessages, ticks: _Ticks) -> tuple[FloatArray, Floa
 
 
 def _by_controller(
-    messages: WeldMessages, what: str, columns: dict[str, Kind]
+    messages: WeldMessages, kind: str, columns: dict[str, Kind]
 ) -> Iterator[tuple[str, Table]]:
     """Controllers with their messages of one kind (``proposal`` or ``status``)."""
-    for name, topic in messages.controllers(what).items():
+    for name, topic in messages.controllers(kind).items():
         if table := messages.table(topic, columns, FIELDS):
             yield name, table
 

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fsw_analysis.export import export_weld, weld_table
 from fsw_analysis.signals import load_weld
-from fsw_analysis.weld_signals import WeldSignals
+from fsw_analysis.weld_signals import WeldSignals, export_weld, weld_table
 from fsw_recorder import BagError
 from fsw_recorder.bag_writer import BagWriter
 from fsw_test_support.sample_weld import (

@@ -164,8 +164,9 @@ class AlarmRules:
         if now.programme == DONE and not self._measures(now):
             expected = TEXTS.expected["ended"]
         elif stopped is not None:
-            # what led to the stop is no consequence of it
-            causes = {f"interlock:{name}" for name in stopped["tripped"]}
+            # what led to the stop, or refuses its acknowledgement, is no consequence of it
+            names = *stopped["tripped"], *stopped["acknowledgement_blocked_by"]
+            causes = {f"interlock:{name}" for name in names}
             expected = TEXTS.expected["stopped"] - causes
         elif now.programme != DONE:
             self._before_stop = frozenset(alarms)

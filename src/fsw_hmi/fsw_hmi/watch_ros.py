@@ -273,6 +273,9 @@ def _state(message: SupervisorState) -> dict[str, Any]:
         **{name: readable(getattr(message, name)) for name in _WORDS},
         "reason": readable(reason.words),
         "tripped": [readable(name) for name in reason.interlocks],
+        "acknowledgement_blocked_by": [
+            readable(name) for name in message.acknowledgement_blocked_by[:_MOST_CONTROLLERS]
+        ],
         "controllers": [_controller(health) for health in message.controllers[:_MOST_CONTROLLERS]],
         "interlocks": [
             {"name": readable(interlock.name), "level": Severity(interlock.level).word}

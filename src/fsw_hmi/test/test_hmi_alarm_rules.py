@@ -466,6 +466,14 @@ def test_cold_weld_is_an_alarm_if_it_led_to_the_stop(rules):
         assert ("interlock:temperature_low" in shown) is is_cause
 
 
+@pytest.mark.parametrize("blocked_by", [[], ["temperature_low"]])
+def test_alarm_that_refuses_the_acknowledgement_is_listed(rules, blocked_by):
+    """After a restart of the supervisor in mid-stop its consequences refuse, too."""
+    stopped = state(actual_mode="safe_stop", interlocks=LOW, acknowledgement_blocked_by=blocked_by)
+    shown = rules.present(situation(COLD, state=stopped), 0.0)
+    assert shown.keys() == {"safe_stop", *(f"interlock:{name}" for name in blocked_by)}
+
+
 def test_recorder_that_ended_by_an_error_keeps_its_cause(rules):
     part = Part("stale", "writing failed: No space left on device", code="failed")
     raised = rules.present(situation(parts={"fsw_recorder": {"recording": part}}), 0.0)["recorder"]

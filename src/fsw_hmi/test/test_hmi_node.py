@@ -244,11 +244,13 @@ def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
             target_mode="auto",
             controllers=[health],
             interlocks=[Interlock(name="depth_high", level=Interlock.WARN)],
+            acknowledgement_blocked_by=["depth"],
         )
     )
     shown = page.seen("state", lambda frame: frame["known"])
     assert (shown["actual_mode"], shown["controllers"][0]["ready"]) == ("auto", True)
     assert shown["interlocks"] == [{"name": "depth_high", "level": "warn"}]
+    assert shown["acknowledgement_blocked_by"] == ["depth"]
     predictions = graph.node.create_publisher(Prediction, "fsw/nmpc/prediction", STREAM)
     wait_until(predictions.get_subscription_count, "the page at the predictions")
     predictions.publish(

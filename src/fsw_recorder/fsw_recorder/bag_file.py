@@ -12,8 +12,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from fsw_recorder.bag_metadata import FileSummary
 from fsw_recorder.manifest import FileHasher, FileManifest
-from fsw_recorder.qos import qos_text
-from fsw_recorder.topic import RecordedTopic
+from fsw_recorder.topic import RecordedTopic, qos_text
 
 COMPRESSIONS = {"": CompressionType.NONE, "zstd": CompressionType.ZSTD}
 #: size at which a chunk is committed early

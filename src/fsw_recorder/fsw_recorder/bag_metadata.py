@@ -13,8 +13,7 @@ import yaml
 from fsw_control.schema.files import read_regular
 from fsw_control.schema.yaml_text import load_yaml
 from fsw_recorder.errors import BagError
-from fsw_recorder.qos import qos_values
-from fsw_recorder.topic import RecordedTopic
+from fsw_recorder.topic import RecordedTopic, qos_values
 
 METADATA_NAME = "metadata.yaml"
 #: attestation of a bag, beside its manifest

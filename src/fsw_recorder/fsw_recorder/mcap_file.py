@@ -34,9 +34,8 @@ from mcap.writer import MCAP0_MAGIC as MAGIC
 from fsw_control.schema.files import open_regular
 from fsw_recorder.bag_metadata import BagMetadata, metadata_inside
 from fsw_recorder.errors import BagError
-from fsw_recorder.qos import read_qos
 from fsw_recorder.rosbags_file import decompressed
-from fsw_recorder.topic import BagRecord, RecordedTopic
+from fsw_recorder.topic import BagRecord, RecordedTopic, read_qos
 
 #: most messages that wait for earlier ones in overlapping chunks
 _MOST_WAITING = 1_000_000

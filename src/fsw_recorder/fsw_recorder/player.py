@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
-from fsw_recorder.qos import is_latched
+from fsw_recorder.topic import is_latched
 from fsw_recorder.weld_clock import WeldClockReader
 
 #: as in ``parameters.py``

@@ -12,11 +12,11 @@ from rclpy.qos import (
 )
 from rosbags.interfaces import Qos, QosHistory, QosLiveliness, QosTime
 
-from fsw_recorder.qos import INFINITE, profile
+from fsw_recorder.topic import INFINITE, profile
 
 
 def profile_of(qos: Qos) -> QoSProfile:
-    """Convert a profile of `fsw_recorder.qos.profile` for subscribing or publishing."""
+    """Convert a profile of `fsw_recorder.topic.profile` for subscribing or publishing."""
     return QoSProfile(
         depth=max(qos.depth, 1),
         history=HistoryPolicy[qos.history.name],

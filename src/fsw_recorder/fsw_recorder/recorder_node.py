@@ -32,7 +32,6 @@ from fsw_recorder.definitions import interface_definition, interface_hash, messa
 from fsw_recorder.errors import BagError
 from fsw_recorder.parameter_snapshot_ros import ParameterSnapshots
 from fsw_recorder.parameters import RecorderParameters
-from fsw_recorder.qos import is_latched, is_reliable
 from fsw_recorder.qos_ros import offered_by
 from fsw_recorder.recording import (
     Note,
@@ -44,7 +43,7 @@ from fsw_recorder.recording import (
 )
 from fsw_recorder.services_ros import serve
 from fsw_recorder.signature import load_private
-from fsw_recorder.topic import RecordedTopic, TopicSelection
+from fsw_recorder.topic import RecordedTopic, TopicSelection, is_latched, is_reliable
 from fsw_recorder.topic_subscription_ros import TopicSubscription
 
 _REPORT_PERIOD_S = 1.0

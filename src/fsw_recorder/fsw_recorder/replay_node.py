@@ -38,10 +38,9 @@ from fsw_recorder.definitions import interface_hash, message_class
 from fsw_recorder.errors import BagError
 from fsw_recorder.parameters import ReplayParameters
 from fsw_recorder.player import Player
-from fsw_recorder.qos import replayed_qos
 from fsw_recorder.qos_ros import profile_of
 from fsw_recorder.services_ros import serve
-from fsw_recorder.topic import TopicSelection
+from fsw_recorder.topic import TopicSelection, replayed_qos
 from fsw_recorder.weld_clock import on_weld_clock
 
 _PERIOD_S = 0.002

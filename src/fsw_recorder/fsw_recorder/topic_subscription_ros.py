@@ -12,9 +12,8 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rosbags.interfaces import Qos
 
-from fsw_recorder.qos import missing_requests
 from fsw_recorder.qos_ros import profile_of
-from fsw_recorder.topic import Sequences
+from fsw_recorder.topic import Sequences, missing_requests
 
 #: number of a topic's messages that are kept to detect duplicates
 _REMEMBERED = 4096

@@ -17,9 +17,8 @@ from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter
 from fsw_recorder.definitions import Definitions
-from fsw_recorder.qos import is_latched
 from fsw_recorder.rosbags_file import decompressed
-from fsw_recorder.topic import RecordedTopic
+from fsw_recorder.topic import RecordedTopic, is_latched
 from fsw_test_support.bags import decode, decoder
 
 

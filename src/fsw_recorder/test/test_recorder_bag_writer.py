@@ -21,7 +21,7 @@ from rosbags.rosbag2 import Reader
 from fsw_recorder import BagError
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
-from fsw_recorder.qos import profile
+from fsw_recorder.topic import profile
 
 HASH = "RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a"
 TOPIC = RecordedTopic("/x", "std_msgs/msg/Float64", "float64 data\n", HASH)

@@ -24,9 +24,9 @@ from fsw_msgs.msg import ShoulderDepth
 from fsw_recorder.bag_file import BagFile
 from fsw_recorder.bag_reader import BagReader, BagRecord
 from fsw_recorder.errors import BagError
-from fsw_recorder.qos import is_latched, is_reliable
 from fsw_recorder.recorder_node import RecorderNode, main, reported_state
 from fsw_recorder.recording import Note
+from fsw_recorder.topic import is_latched, is_reliable
 from fsw_test_support.bags import decoder
 from fsw_test_support.waiting import PATIENCE_S
 

@@ -19,15 +19,6 @@ from rosbags.interfaces import (
 
 from fsw_control.schema.files import free_sibling
 from fsw_recorder import BagError
-from fsw_recorder.qos import (
-    is_latched,
-    is_reliable,
-    missing_requests,
-    profile,
-    qos_text,
-    read_qos,
-    replayed_qos,
-)
 from fsw_recorder.recording import (
     code_sha256,
     custom_entries,
@@ -36,7 +27,16 @@ from fsw_recorder.recording import (
     read_attachment,
     versions_text,
 )
-from fsw_recorder.topic import TopicSelection
+from fsw_recorder.topic import (
+    TopicSelection,
+    is_latched,
+    is_reliable,
+    missing_requests,
+    profile,
+    qos_text,
+    read_qos,
+    replayed_qos,
+)
 from fsw_recorder.topic_subscription_ros import Repeats
 
 BEST_EFFORT = profile(reliable=False, depth=5)

@@ -34,12 +34,11 @@ from fsw_control.weld import TICK_NS, TICK_S
 from fsw_model import STEP_S
 from fsw_model.heat_profile import HeatProfile
 from fsw_plant import PlantEmulator, Truth
-from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.plants import OwnPlant, Plant, plant_of
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import SWITCH_TIMEOUT_S, OpenLoopController, references, switches
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine
-from fsw_scenario.weld_programme_course import Course
+from fsw_scenario.weld_programme_course import Course, HeatAhead
 from fsw_supervisor import Arbiter, Decision, ProposalInput, SupervisorParameters
 
 #: ticks between progress reports

@@ -142,10 +142,10 @@ class Launcher:
         self,
         condition: Callable[[], object],
         timeout_s: float,
-        what: str,
+        awaited: str,
         watch: Sequence[str] | None = None,
     ) -> None:
-        """Wait for a ``condition`` while the processes run; ``what`` names it in errors.
+        """Wait for a ``condition`` while the processes run; errors name what is ``awaited``.
 
         Raises
         ------
@@ -157,7 +157,7 @@ class Launcher:
             self.check(watch)
             if time.monotonic() > end:
                 raise LaunchError(
-                    f"waited {timeout_s:g} s without success for {what}; "
+                    f"waited {timeout_s:g} s without success for {awaited}; "
                     f"logs are in {self.log_folder}"
                 )
             time.sleep(_POLL_S)
@@ -231,7 +231,9 @@ class Respawn:
             self._launcher.check([child.name])
         restarts.soon = restarts.soon + 1 if now_s - restarts.began_s < _SOON_S else 0
         restarts.due_s = now_s + RESPAWN_DELAY_S * 2.0 ** max(0, restarts.soon - 1)
-        what = "is started again"
+        outcome = "is started again"
         if restarts.soon >= _MOST_SOON:
-            what = f"is given up: it ended {restarts.soon} times in succession"
-        self._report(f"{child.name} has ended with exit code {code} and {what}; see {child.log}")
+            outcome = f"is given up: it ended {restarts.soon} times in succession"
+        self._report(
+            f"{child.name} has ended with exit code {code} and {outcome}; see {child.log}"
+        )

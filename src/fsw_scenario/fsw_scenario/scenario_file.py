@@ -122,8 +122,10 @@ def put(content: dict[str, Any], path: str, value: Any, where: str = "override")
         fits = is_list and step < len(inside) if by_number else isinstance(inside, dict)
         if not fits:
             have = f"{len(inside)} entries from 0" if is_list else "none"
-            what = f"no [{step}]: it has {have}" if by_number else "no named values; give it whole"
-            raise InputError(f"{where}: {steps[i - 1]} of {path} has {what}")
+            lacking = (
+                f"no [{step}]: it has {have}" if by_number else "no named values; give it whole"
+            )
+            raise InputError(f"{where}: {steps[i - 1]} of {path} has {lacking}")
         if i == len(steps) - 1:
             inside[step] = value
         else:

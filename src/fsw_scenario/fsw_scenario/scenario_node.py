@@ -34,15 +34,14 @@ from fsw_msgs.action import RunWeld
 from fsw_msgs.msg import WeldKpi, WeldProgress
 from fsw_plant import PlantSchedule
 from fsw_scenario.emulator_events_ros import emulator_listens
-from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.launcher import ABORTED
 from fsw_scenario.parameters import PlayerParameters
-from fsw_scenario.running_kpi import HeldFor, RunningKpi
+from fsw_scenario.running_kpi import FAILED, REFUSED, HeldFor, Outcome, RunningKpi, WeldEnd
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.scenario_file import load, parse
-from fsw_scenario.weld_outcome import FAILED, REFUSED, Outcome, WeldEnd
 from fsw_scenario.weld_player_ros import PlayerOptions, WeldPlayer
 from fsw_scenario.weld_programme import ProgrammeCode, State
+from fsw_scenario.weld_programme_course import HeatAhead
 
 ACTION = "fsw/run_weld"
 #: time limit for this node's answer to its own goal, on a stalled machine (chosen)

@@ -15,11 +15,10 @@ from fsw_control.references_ros import reference_queue, subscribe_sent
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_control.weld import TICK_NS
 from fsw_msgs.msg import HeatPlan, WeldReference, WeldReferencePlan
-from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.scenario import Scenario, start_reference
 from fsw_scenario.timeline import references
 from fsw_scenario.weld_programme import PhaseMachine
-from fsw_scenario.weld_programme_course import Course
+from fsw_scenario.weld_programme_course import Course, HeatAhead
 
 #: Number of references sent ahead with their time in the stamp, so that none is late however fast
 #: the ticks are; half of what the topic keeps.

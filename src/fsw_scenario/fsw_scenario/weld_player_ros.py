@@ -22,14 +22,13 @@ from fsw_control.weld import TICK_NS, TICK_S
 from fsw_msgs.msg import WeldProgress
 from fsw_scenario.discovery_ros import Discovery
 from fsw_scenario.emulator_events_ros import EmulatorEvents
-from fsw_scenario.heat_ahead import HeatAhead
-from fsw_scenario.running_kpi import Deviations, RunningKpi
+from fsw_scenario.running_kpi import FAILED, Deviations, Outcome, RunningKpi, WeldEnd
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.set_points_ros import ScenarioTime, SetPoints
 from fsw_scenario.switching_ros import Switching
 from fsw_scenario.timeline import switches
-from fsw_scenario.weld_outcome import FAILED, Outcome, WeldEnd
 from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, State
+from fsw_scenario.weld_programme_course import HeatAhead
 from fsw_scenario.weld_programme_ros import ProgrammeServer, SafeStop
 
 #: time limit for finding a controller named by a goal
@@ -256,9 +255,9 @@ class WeldPlayer:
         """Stop sending if foreign set-points are in force."""
         if not self.set_points.are_by_hand():
             return
-        what = "after a resume" if self.scenario.phases else "no more in this scenario"
+        when = "after a resume" if self.scenario.phases else "no more in this scenario"
         self._node.get_logger().warning(
-            f"manual set-points are in force; those planned follow {what}"
+            f"manual set-points are in force; those planned follow {when}"
         )
         self.set_points.course.leave()
         self.set_points.announce()

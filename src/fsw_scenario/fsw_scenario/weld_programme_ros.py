@@ -20,9 +20,9 @@ from fsw_control.reports_ros import OK, WARN, log
 from fsw_control.topics_ros import LATCHED, LATEST
 from fsw_msgs.msg import SupervisorState, WeldProgress
 from fsw_msgs.srv import OperatorRequest, SetMode
+from fsw_scenario.running_kpi import WeldEnd
 from fsw_scenario.scenario import Scenario
 from fsw_scenario.set_points_ros import SetPoints
-from fsw_scenario.weld_outcome import WeldEnd
 from fsw_scenario.weld_programme import PhaseMachine, ProgrammeCode, State
 from fsw_supervisor.state_machine import Mode
 

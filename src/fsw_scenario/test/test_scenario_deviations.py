@@ -2,8 +2,7 @@
 
 import pytest
 
-from fsw_scenario.running_kpi import Deviations
-from fsw_scenario.weld_outcome import Outcome, WeldEnd
+from fsw_scenario.running_kpi import Deviations, Outcome, WeldEnd
 
 
 def test_planned_weld_has_no_deviations():

@@ -24,10 +24,9 @@ from fsw_msgs.msg import HeatPlan, SupervisorState, WeldReferencePlan
 from fsw_msgs.srv import SetMode, SwitchController
 from fsw_scenario.discovery_ros import Discovery
 from fsw_scenario.launcher import ABORTED
-from fsw_scenario.running_kpi import HeldFor
+from fsw_scenario.running_kpi import HeldFor, Outcome, WeldEnd
 from fsw_scenario.scenario_node import ALONE_S, ScenarioNode
 from fsw_scenario.set_points_ros import SetPoints
-from fsw_scenario.weld_outcome import Outcome, WeldEnd
 from fsw_test_support import player_graph
 from fsw_test_support.player_graph import START_NS, STEP_NS, PlayerGraph
 from fsw_test_support.waiting import PATIENCE_S

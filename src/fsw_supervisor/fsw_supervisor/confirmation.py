@@ -46,6 +46,8 @@ class Confirmations:
 
     def of_stop(self, now_s: float) -> Confirmation:
         """Confirm that the safe stop of this supervisor's register is in force."""
+        # Equal registers, not just "stopped": a report sent before the request may show an earlier
+        # stop, whose acknowledgement is under way and would end this one unseen.
         machine = self._failover.machine
         self._asked = machine.register.value
         waiting = self._add(
@@ -88,6 +90,8 @@ class Confirmations:
 
     def _later(self) -> Callable[[ActuatorState], bool]:
         """Return a test whether a report shows a command decided here from now on."""
+        # Stamps order commands, whoever sent them; the clock of arrival does not. A command of
+        # another leader does not show that this request was heard, so this one has to lead.
         last = self._failover.last_decided_ns
         return lambda state: self._failover.leads and state.answered_ns > last
 

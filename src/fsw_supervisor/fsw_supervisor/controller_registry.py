@@ -235,6 +235,8 @@ class ControllerRegistry:
         self._past[tick.stamp_ns] = tick
         if len(self._past) > LOCKSTEP_LAG:
             del self._past[next(iter(self._past))]
+        # Two counts: repetitions are reported, different answers make the name unusable. Both
+        # count ticks in a row, so that one overlap, as when a process is replaced, does no harm.
         for record in self:
             record.doubled = record.doubled + 1 if record.name in tick.duplicates else 0
             record.conflicts = record.conflicts + 1 if tick.duplicates.get(record.name) else 0

@@ -23,6 +23,11 @@ from fsw_supervisor.tick import Decision, Tick
 LISTEN_S = 0.25
 #: the same if another node publishes commands but none has arrived yet [s]
 _LISTEN_LONG_S = 1.0
+#: the same on standby, where a leader is expected [s] (chosen: more than one process of a graph
+#: lags behind another at the start)
+_LISTEN_STANDBY_S = 5.0
+#: a process that was not called for so long has not listened [s] (chosen: ten of its looks)
+_DEAF_S = 2.0
 #: in lockstep, on standby: silence after which a leader counts as dead [s] (chosen: it publishes
 #: its state once a second, and a stalled recorder delays that by 0.5 s, ``DELIVERY_S``)
 _SILENT_S = 2.0
@@ -59,6 +64,9 @@ class Failover:
     dead leader: simulated time stands while any process is late. There the standby takes over from
     a leader of whom it hears nothing any more, neither commands nor its repeated state.
 
+    Before the first report there are no ticks to count: the plant may wait for a publisher of
+    commands. Then a standby that hears of no leader leads as after any other start.
+
     ``identity`` is unique among supervisors. With ``standby`` it starts as standby; otherwise it
     leads unless another supervisor does.
     """
@@ -73,10 +81,10 @@ class Failover:
         #: other nodes publish commands, perhaps a leader whose commands have not arrived
         self.rival_writer = False
         self._arbiter, self._identity = arbiter, identity
-        self._heard_term = 0
-        self._started_s = self._called_s = self._reported_s = now_s
+        self.heard_term = 0  #: greatest term heard of, in reports or from another leader
+        self._listening_since_s = self._called_s = self._reported_s = now_s
         self._asserted_s = float("-inf")
-        self._confirmed = False  #: the actuator end has reported the present lead
+        self.confirmed = False  #: the actuator end has reported the present lead
         self._tick = 0  # number of the last tick that this has seen begin
         self._leader_heard = False  #: since the last call
         self._early: tuple[int, str, Command] | None = None
@@ -95,8 +103,8 @@ class Failover:
         """Steady time at which the arbiter's ``on_time`` must be called; None if not needed."""
         arbiter_s = self._arbiter.wakeup_s
         times = [] if arbiter_s is None else [arbiter_s]
-        if self.role is Role.LISTENING:
-            times.append(self._listening_ends_s)
+        if self._listens:
+            times.append(min(self._listening_ends_s, self._called_s + _DEAF_S / 2.0))
         tick = self._arbiter.ticks.present
         unanswered = tick is not None and not tick.answered
         if unanswered and self.role is not Role.ACTIVE and self._due_s > self._called_s:
@@ -115,6 +123,8 @@ class Failover:
         """
         if self.role is not Role.ACTIVE or self.actuator is None:
             return True
+        # As with a lease (Gray and Cheriton 1989): others take over only after a silence that is
+        # longer than this. A leader that has run or received a report since has not been silent.
         return now_s - self._reported_s <= self._lease_s or now_s - self._called_s <= self._lease_s
 
     @property
@@ -136,6 +146,10 @@ class Failover:
 
     def pass_on(self, decisions: list[Decision], now_s: float) -> list[Decision]:
         """Return what may be published; call it with the decisions of each call of the arbiter."""
+        # On a busy machine a start, or a pause, may last longer than the listening time. What has
+        # arrived meanwhile, and who is in the graph, is not known yet.
+        if self._leader_heard or now_s - self._called_s > _DEAF_S:
+            self._listening_since_s = now_s
         self._called_s = now_s
         if self._leader_heard and self._arbiter.lockstep:
             self._await_leader(now_s)
@@ -143,8 +157,8 @@ class Failover:
         if self.role is not Role.ACTIVE:
             if not self._takes_over(now_s):
                 return []
-            unanswered = self.unanswered + 1 if self.role is Role.STANDBY else 0
-            self.role, self.term, self._confirmed = Role.ACTIVE, 0, False
+            unanswered = 0 if self._listens else self.unanswered + 1
+            self.role, self.term, self.confirmed = Role.ACTIVE, 0, False
             decisions = self._arbiter.lead(unanswered)
         if decisions and self.actuator is None:
             self._arbiter.withhold(decisions)
@@ -152,7 +166,7 @@ class Failover:
         if decisions and self.actuator is not None:
             # A new term is taken with the first command, not with the role: a leader that never
             # sends does not depose anybody.
-            self.term = self.term or max(self.actuator.term, self._heard_term) + 1
+            self.term = self.term or max(self.actuator.term, self.heard_term) + 1
         return decisions
 
     # ---------------------------------------------------------------- inputs
@@ -160,10 +174,11 @@ class Failover:
     def on_actuator(self, state: ActuatorState, now_s: float) -> None:
         """Take the actuator end's report, before the measurement that it came with."""
         before, self.actuator, self._reported_s = self.actuator, state, now_s
+        # Each takeover counts, by whomever: in a duel of two slow supervisors both become patient.
         if before is not None and before.leader and state.term > before.term:
             self._takeovers_s.append(now_s)
-        self._heard_term = max(self._heard_term, state.term)
-        self._confirmed |= state.leader == self._identity
+        self.heard_term = max(self.heard_term, state.term)
+        self.confirmed |= state.leader == self._identity
         self._arbiter.on_actuator(state)
         is_led = state.leader and state.unanswered < self._needed(now_s)
         if self.role is Role.ACTIVE and self._is_other(state):
@@ -189,9 +204,9 @@ class Failover:
         if self.role is Role.ACTIVE:
             self._arbiter.on_command(stamp_ns, source, command, by_supervisor)
             return
-        if not leader or term < self._heard_term or refusal(command) is not None:
+        if not leader or term < self.heard_term or refusal(command) is not None:
             return
-        self._heard_term, self._leader_heard = term, True
+        self.heard_term, self._leader_heard = term, True
         tick = self._arbiter.ticks.present
         age_ns = tick.stamp_ns - stamp_ns if tick is not None else -1
         if age_ns < 0:
@@ -222,15 +237,26 @@ class Failover:
                     self.asserting, self._asserted_s = True, self._called_s
                 return False
             self._step_down()
-        follows = self._leader_heard = term >= self._heard_term
-        self._heard_term = max(self._heard_term, term)
+        follows = self._leader_heard = term >= self.heard_term
+        self.heard_term = max(self.heard_term, term)
         return follows
 
     # ---------------------------------------------------------------- standby
 
     @property
+    def _listens(self) -> bool:
+        """Whether it leads unless it hears of a leader in time, without counting ticks."""
+        # A leader that is only slow has its publisher in the graph, so no time deposes it. Of two
+        # that end listening together, reports and identities decide (``on_leader_state``).
+        alone = self.actuator is None and not self.rival_writer
+        return self.role is Role.LISTENING or (self.role is Role.STANDBY and alone)
+
+    @property
     def _listening_ends_s(self) -> float:
-        return self._started_s + (_LISTEN_LONG_S if self.rival_writer else LISTEN_S)
+        listen_s = _LISTEN_LONG_S if self.rival_writer else LISTEN_S
+        if self.role is Role.STANDBY:
+            listen_s = _LISTEN_STANDBY_S
+        return self._listening_since_s + listen_s
 
     def _needed(self, now_s: float) -> int:
         """Ticks unanswered in a row, the present one included, that trigger a takeover."""
@@ -255,7 +281,7 @@ class Failover:
         if tick is not None and self.machine.tick != self._tick:
             self._begin(tick)
             tick = self._arbiter.ticks.present  # the leader may have answered it already
-        if self.role is Role.LISTENING:
+        if self._listens:
             return now_s >= self._listening_ends_s
         if tick is None or now_s < self._due_s or self.actuator is None:
             return False
@@ -312,7 +338,7 @@ class Failover:
         # it took over but has sent nothing yet, and the previous leader answers again
         if not self.term:
             return other and answers
-        return other and (state.term >= self.term or (answers and not self._confirmed))
+        return other and (state.term >= self.term or (answers and not self.confirmed))
 
     def _step_down(self) -> None:
         self.role, self.term, self.asserting = Role.STANDBY, 0, False

@@ -44,6 +44,8 @@ class CommandWatch:
         With ``by_supervisor``, another one has signed it and may say the same; the own command is
         then still to come.
         """
+        # Known by content, as a topic does not say who wrote: a message is own if such a decision
+        # was sent and has not come back yet.
         for decision in self._sent:
             is_answer = decision.stamp_ns == stamp_ns and decision.source == source
             if is_answer and same(decision.command, command):

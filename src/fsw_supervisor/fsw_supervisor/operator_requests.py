@@ -157,15 +157,32 @@ class OperatorRequests:
         """
         if self.machine.mode is not Mode.SAFE_STOP:
             return Answer.refused(Code.NO_STOP)
-        if why_stop := self.safety.why_stop(acknowledged=True):
-            self.machine.log(Level.WARN, who, Code.ACKNOWLEDGE_REFUSED, answer=why_stop)
-            return Answer(False, why_stop)
-        # The actuator end may have begun a stop of its own, which this would acknowledge unseen.
-        if self.machine.reported not in (None, self.machine.register.value):
-            return Answer.refused(Code.STOP_UNCONFIRMED)
+        if why_not := self._why_not_acknowledged():
+            self.machine.log(Level.WARN, who, Code.ACKNOWLEDGE_REFUSED, answer=why_not)
+            return Answer(False, why_not)
         self.safety.readmit(who)
         self.machine.acknowledge(who)
         return Answer.done(Code.ACKNOWLEDGED)
+
+    def _why_not_acknowledged(self) -> Fact | None:
+        """Why a safe stop cannot be acknowledged now; None if it can be."""
+        # The actuator end may have begun a stop of its own, which this would acknowledge unseen.
+        unseen = self.machine.reported not in (None, self.machine.register.value)
+        unconfirmed = Fact.of(Code.STOP_UNCONFIRMED) if unseen else None
+        return self.safety.why_stop(acknowledged=True) or unconfirmed
+
+    @property
+    def acknowledgement_blocked_by(self) -> tuple[str, ...]:
+        """Interlocks and sensors that refuse an acknowledgement now, else the answer's code."""
+        # Only the supervisor knows which trips are consequences of the stop; a restart in
+        # mid-stop loses that, and the same trip refuses from then on.
+        stopped = self.machine.mode is Mode.SAFE_STOP
+        why_not = self._why_not_acknowledged() if stopped else None
+        causes = () if why_not is None else why_not.data.get("causes", (why_not,))
+        return tuple(
+            fact.data.get("interlock") or fact.data.get("sensor") or str(fact.code)
+            for fact in causes
+        )
 
     def serve(self, now_s: float) -> None:
         """Make the requested swap, if possible; call it between two ticks."""
@@ -176,6 +193,9 @@ class OperatorRequests:
         if machine.mode is not Mode.AUTO:
             self.drop(Fact.of(Code.MODE_CHANGED, mode=machine.mode))
             return
+        # Between two ticks only, so that every tick is decided under one controller. A controller
+        # that is not ready yet keeps the request pending until it expires; a request that was
+        # answered at once (time-out 0) has nobody who waits.
         why_not = self._why_not(request.name)
         if why_not and (request.strict or request.done):
             self.drop(why_not)
@@ -189,6 +209,8 @@ class OperatorRequests:
         request, settings = self._pending, self.machine.settings
         if request is None or request.done:
             return
+        # After the swap the tick under way may still apply it, hence the guard of one deadline. In
+        # lockstep the time-out counts in stamps, and the wall clock is only a guard.
         swapped = request.name == self.machine.active
         guard_s = settings.deadline_s if swapped else 0.0
         if self.lockstep:

@@ -96,6 +96,7 @@ def state(arbiter: Arbiter, now: Time, signature: Signature) -> SupervisorState:
         transitions=machine.transitions,
         controllers=[health(arbiter, record) for record in arbiter.registry],
         interlocks=[Interlock(name=n, level=level) for n, level in arbiter.safety.active.items()],
+        acknowledgement_blocked_by=list(arbiter.operator.acknowledgement_blocked_by),
     )
     message.header.stamp = now
     convert.sign(message, signature)

@@ -154,7 +154,7 @@ class SafetyMonitor:
         self.blind_since_ns: int | None = None
         self.hold_s = 0.0  #: time for which the last good sample replaces a bad one
         self.judged = False  #: any tick has been judged; before, nothing is known
-        self._machine = machine
+        self.machine = machine  #: mode and log, to which trips lead
         self._guard = SensorGuard()
         self._consistency = Consistency()
         self._blindness = Blindness()
@@ -191,7 +191,7 @@ class SafetyMonitor:
         for name, value in readmitted.items():
             self._standing.pop(f"{name}_jump", None)
             data = {"who": who, "sensor": name, "value": value}
-            self._machine.log(Level.WARN, who, Code.SENSOR_ACKNOWLEDGED, **data)
+            self.machine.log(Level.WARN, who, Code.SENSOR_ACKNOWLEDGED, **data)
         still = [name for name in self.invalid_sensors if name not in readmitted]
         self.invalid_sensors = tuple(still)
 
@@ -232,7 +232,7 @@ class SafetyMonitor:
             causes = self._causes | self._standing
             return Fact.of(Code.CAUSE_PRESENT, causes=tuple(causes[name] for name in tripped))
         blind = self._blind(steady)
-        stopped = self._machine.mode is Mode.SAFE_STOP
+        stopped = self.machine.mode is Mode.SAFE_STOP
         return Fact.of(Code.CAUSE_UNKNOWN, causes=blind) if stopped and blind else None
 
     def _blind(self, but: tuple[str, ...]) -> tuple[Fact, ...]:
@@ -259,15 +259,15 @@ class SafetyMonitor:
         if not self.invalid_sensors:
             self.blind_since_ns = None
         elif self.blind_since_ns is None:
-            self.blind_since_ns = self._machine.time_ns
+            self.blind_since_ns = self.machine.time_ns
         for name in self.invalid_sensors:
             if name not in before:
                 data = {"sensor": name, "flaw": reasons[name]}
-                self._machine.log(Level.WARN, "sensors", Code.SENSOR_INVALID, **data)
+                self.machine.log(Level.WARN, "sensors", Code.SENSOR_INVALID, **data)
         for name in before:
             if name not in self.invalid_sensors:
-                self._machine.log(Level.INFO, "sensors", Code.SENSOR_VALID, sensor=name)
-        self._blindness.add(self._machine.time_ns, self.invalid_sensors, self._is_automatic)
+                self.machine.log(Level.INFO, "sensors", Code.SENSOR_VALID, sensor=name)
+        self._blindness.add(self.machine.time_ns, self.invalid_sensors, self._is_automatic)
         self._note_standing(tick.samples)
         residuals = self._consistency.update(measurement)
         known = {
@@ -287,15 +287,15 @@ class SafetyMonitor:
             rate_rad_s = rad_s_from_rpm(measurement.speed_rpm)
             rejected["power_kw"] = kw_from_w(rejected["torque_nm"] * rate_rad_s)
         self.watch(known, measurement.held, rejected, self._since_judged_s())
-        if self.invalid_sensors and self._machine.acknowledged:
+        if self.invalid_sensors and self.machine.acknowledged:
             # from now on it is unknown whether a cause is present
-            self._machine.renew(StopCause.BLIND, "sensors")
+            self.machine.renew(StopCause.BLIND, "sensors")
         return tick._replace(judged=True, dropouts=dropouts)
 
     @property
     def _is_automatic(self) -> bool:
         """Whether nobody but a controller watches the process."""
-        return self._machine.mode in _AUTOMATIC and self._machine.target_mode is Mode.AUTO
+        return self.machine.mode in _AUTOMATIC and self.machine.target_mode is Mode.AUTO
 
     def _note_standing(self, samples: Mapping[str, float]) -> None:
         """Determine which sensors have jumped, and which have been invalid for too long."""
@@ -307,7 +307,7 @@ class SafetyMonitor:
             # the first fact stays: it has the value with which the sensor jumped
             self._standing[cause] = before.get(cause, fact)
         # In manual the operator watches, and a time-out of its own ends it (BLIND_TIMEOUT).
-        if self._is_automatic or self._machine.mode is Mode.SAFE_STOP:
+        if self._is_automatic or self.machine.mode is Mode.SAFE_STOP:
             for name in self._blindness.exceeded:
                 cause = f"{name}_blind"
                 flaw, limit_s = self.sensor_flaws[name], self._blindness.limit_s
@@ -315,16 +315,16 @@ class SafetyMonitor:
                 self._standing[cause] = before.get(cause, fact)
         for cause, fact in self._standing.items():
             if cause not in before:
-                self._machine.log(Level.ERROR, "interlock", fact.code, **fact.data)
+                self.machine.log(Level.ERROR, "interlock", fact.code, **fact.data)
         for cause in before:
             if cause not in self._standing:
-                self._machine.log(Level.INFO, "interlock", Code.CLEARED, interlock=cause)
+                self.machine.log(Level.INFO, "interlock", Code.CLEARED, interlock=cause)
 
     def _since_judged_s(self) -> float:
         """Time since the last judged tick; one tick period for the first, and after a gap."""
-        before_ns, self._judged_ns = self._judged_ns, self._machine.time_ns
-        elapsed_s = inf if before_ns is None else (self._machine.time_ns - before_ns) / NANOSECONDS
-        return elapsed_s if elapsed_s <= GAP_S else self._machine.settings.tick_period_s
+        before_ns, self._judged_ns = self._judged_ns, self.machine.time_ns
+        elapsed_s = inf if before_ns is None else (self.machine.time_ns - before_ns) / NANOSECONDS
+        return elapsed_s if elapsed_s <= GAP_S else self.machine.settings.tick_period_s
 
     def watch(
         self,
@@ -346,7 +346,7 @@ class SafetyMonitor:
         clear. A trip acts for as long as it lasts, in every mode, not only when it begins.
         ``elapsed_s`` is the time since the values before.
         """
-        before, stopped = set(self.tripped), self._machine.mode is Mode.SAFE_STOP
+        before, stopped = set(self.tripped), self.machine.mode is Mode.SAFE_STOP
         if not stopped:
             self._was_free.clear()
         for item in self._interlocks:
@@ -356,26 +356,28 @@ class SafetyMonitor:
             elif isfinite(value) and _SENSOR.get(item.quantity) not in held:
                 self._judge(item, value, elapsed_s)
         tripped = set(names := self.tripped)
-        # what was free of a trip during a stop, and trips later, cannot be its cause
+        # What was free of a trip during a stop, and trips later, cannot be its cause. Being free
+        # has to last as long as a trip has to: a single value between two trips proves nothing.
+        # A restart forgets it, and then a trip refuses: unknown counts as a cause.
         new = (tripped - before) & self._was_free
         self._consequences = (self._consequences & tripped if stopped else set()) | new
         if not tripped:
             return
         if stopped:
-            if self._machine.acknowledged and tripped - self._consequences:
-                self._machine.renew(StopCause.INTERLOCK, "interlock")
+            if self.machine.acknowledged and tripped - self._consequences:
+                self.machine.renew(StopCause.INTERLOCK, "interlock")
         else:
             reason = Reason(ReasonCode.INTERLOCKS, interlocks=names)
-            self._machine.fire(Cause.INTERLOCK_TRIP, reason, "interlock")
+            self.machine.fire(Cause.INTERLOCK_TRIP, reason, "interlock")
 
     def _judge(self, item: Interlock, value: float, elapsed_s: float) -> None:
         """Determine the level of an interlock."""
         present, runs = self._levels[item.name], self._runs[item.name]
-        period_s, leaving = self._machine.settings.tick_period_s, self._leaving[item.name]
+        period_s, leaving = self.machine.settings.tick_period_s, self._leaving[item.name]
         limit_s = self._persistence_s
         shown = item.level(value, present)
         if (free := self._free.get(item.name)) is not None:
-            stopped = self._machine.mode is Mode.SAFE_STOP
+            stopped = self.machine.mode is Mode.SAFE_STOP
             free.note(stopped and shown is not Severity.TRIP, elapsed_s, period_s)
             if free.reaches(limit_s, period_s):
                 self._was_free.add(item.name)
@@ -396,4 +398,4 @@ class SafetyMonitor:
         self._levels[item.name] = level
         data = {"interlock": item.name, "quantity": item.quantity}
         fact = self._causes[item.name] = Fact.of(Code.INTERLOCK, level=level, value=value, **data)
-        self._machine.log(_LOG_LEVELS[level], "interlock", fact.code, **fact.data)
+        self.machine.log(_LOG_LEVELS[level], "interlock", fact.code, **fact.data)

@@ -28,7 +28,7 @@ class StartUp:
         in_force: CommandInForce,
     ) -> None:
         self.was_active = ""  #: controller that was active before; empty if unknown
-        self._machine, self._registry, self._operator = machine, registry, operator
+        self.machine, self._registry, self._operator = machine, registry, operator
         self._in_force = in_force
         self._measured_s: float | None = None
         self._begun_tick = -2  #: last tick that began from a reported command
@@ -36,7 +36,7 @@ class StartUp:
     @property
     def controller(self) -> str:
         """The controller to apply: the one active before, else the configured one."""
-        return self.was_active or self._machine.target
+        return self.was_active or self.machine.target
 
     @property
     def listening_ends_s(self) -> float | None:
@@ -45,7 +45,7 @@ class StartUp:
         # first report.
         if not self._in_force.before_first or self._measured_s is None:
             return None
-        settings = self._machine.settings
+        settings = self.machine.settings
         wait_s = settings.takeover_wait_s
         if not self._registry.any_reported():
             wait_s = max(wait_s, settings.first_report_wait_s)
@@ -60,7 +60,7 @@ class StartUp:
         """At a gap in the measurements: forget the command in force, keep the controller."""
         # The actuator end may have ramped down meanwhile, so the command has to be found again.
         # The controller that was active knows the weld best and gets the first chance.
-        self.was_active = self._machine.active or self.was_active
+        self.was_active = self.machine.active or self.was_active
         if self._in_force.before_first:
             self._measured_s = None
         self._in_force.interrupt()
@@ -78,7 +78,7 @@ class StartUp:
         Sources in order of trust: the drives' feedback, the last command seen on the topic, the
         target controller's proposal, the operator's manual values.
         """
-        machine, manual = self._machine, self._operator.manual
+        machine, manual = self.machine, self._operator.manual
         candidate = tick.candidates.get(machine.target)
         # Feedback shows what acts, whatever happened before. The other sources only say what was
         # meant to act, and count once every controller has had time to report.
@@ -97,14 +97,14 @@ class StartUp:
         return tick
 
     def _begin_from(self, tick: Tick, command: Command, origin: Code, **data: str) -> Tick:
-        applied = self._machine.settings.drive_limits.clip(command, None)
+        applied = self.machine.settings.drive_limits.clip(command, None)
         self._in_force.begin_from(applied)
         # Proposals that arrived before were checked without a rate limit.
         tick = self._registry.check_again(tick._replace(previous=applied))
-        if self._machine.tick - self._begun_tick > 1:  # else one message covers successive ticks
+        if self.machine.tick - self._begun_tick > 1:  # else one message covers successive ticks
             values = {**applied._asdict(), "origin": Fact(origin, data)}
-            self._machine.log(Level.INFO, "start", Code.TAKING_OVER, **values)
-        self._begun_tick = self._machine.tick
+            self.machine.log(Level.INFO, "start", Code.TAKING_OVER, **values)
+        self._begun_tick = self.machine.tick
         return tick
 
     def _listened(self, now_s: float) -> bool:
@@ -125,7 +125,7 @@ class StartUp:
         """
         # A command other than the safe stop's would end a safe stop that the previous supervisor
         # had begun, without an acknowledgement.
-        if not self._in_force.before_first or self._machine.mode is Mode.SAFE_STOP:
+        if not self._in_force.before_first or self.machine.mode is Mode.SAFE_STOP:
             return True
         if final:
             return self._heard(now_s)
@@ -141,7 +141,7 @@ class StartUp:
         Returns why the tick's command is held instead; empty if the mode has changed, or nothing
         is decided yet.
         """
-        machine, name = self._machine, self.controller
+        machine, name = self.machine, self.controller
         if not final and name not in tick.candidates:
             return Reason()
         candidate = tick.candidates.get(name)
@@ -182,7 +182,7 @@ class StartUp:
         candidate = tick.candidates.get(name)
         if not (self._in_force.before_first and candidate and candidate.jump and applied):
             return tick
-        limits, proposed = self._machine.settings.drive_limits, candidate.command
+        limits, proposed = self.machine.settings.drive_limits, candidate.command
         force_kn = applied.force_kn
         # Less force than proposed is the plant's own ramp and is kept; more is a disturbance, as
         # is any other speed.
@@ -195,7 +195,7 @@ class StartUp:
 
     def _substitute(self, tick: Tick) -> str:
         """Fallback with enough good proposals to replace an absent configured controller."""
-        settings = self._machine.settings
+        settings = self.machine.settings
         patience = max(settings.readmit_ticks, settings.warm_ticks)
         for name in settings.fallbacks:
             record = self._registry.get(name)

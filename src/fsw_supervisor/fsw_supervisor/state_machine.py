@@ -250,6 +250,9 @@ class Machine:
 
     def merge_stop(self, stop: Stop) -> None:
         """Merge another copy of the stop register, which may begin a safe stop."""
+        # It only grows, and merging takes the maximum (a state-based CRDT, Shapiro et al. 2011):
+        # copies agree whatever was lost, repeated or reordered on the way. The one exception, a
+        # stop that nobody else has heard, is in ``StopRegister.merge``.
         if self.register.merge(stop):
             self._take_register()
 

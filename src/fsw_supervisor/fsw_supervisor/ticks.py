@@ -194,6 +194,7 @@ class Ticks:
             self.interrupt(Reason(ReasonCode.GAP))
         # after a gap before the first command, listening restarts
         self._arbitration.start_up.begin(now_s)
+        # requests, returns and time-outs act here, before the tick has any input but its stamp
         self._arbitration.change_between_ticks(now_s)
         # Determined before any proposal for this tick, so that their order does not matter.
         tick = self.present._replace(ready=self._registry.all_ready())

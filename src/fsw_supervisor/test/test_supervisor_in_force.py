@@ -264,11 +264,11 @@ def test_the_time_to_listen_counts_from_the_first_measurement():
 def test_at_a_gap_it_keeps_who_was_active_and_what_was_in_force():
     start_up, in_force = new_start_up()
     in_force.on_sent(Command(80.0, 410.0))
-    start_up._machine.active = "nmpc"
+    start_up.machine.active = "nmpc"
     start_up.interrupt()
     known = (start_up.was_active, in_force.seen, in_force.applied, in_force.before_first)
     assert known == ("nmpc", Command(80.0, 410.0), None, False)
-    start_up._machine.active = ""
+    start_up.machine.active = ""
     start_up.interrupt()
     assert (start_up.was_active, in_force.seen) == ("nmpc", Command(80.0, 410.0))
 

@@ -46,7 +46,7 @@ def last_told(monitor):
     """The last event about an interlock, but not of the safe stop that it led to."""
     return [
         event
-        for event in monitor._machine.events
+        for event in monitor.machine.events
         if event.fact.code in (Code.INTERLOCK, Code.CLEARED)
     ][-1]
 
@@ -178,7 +178,7 @@ def judged(monitor, count=1, acting=None, **samples):
     for _ in range(count):
         monitor.stamp_ns = getattr(monitor, "stamp_ns", 10**12) + 10**8
         tick = Tick(monitor.stamp_ns, 0.0, 0.08, None, samples=dict(samples))
-        monitor._machine.advance(monitor.stamp_ns)
+        monitor.machine.advance(monitor.stamp_ns)
         tick = monitor.judge(tick, acting)
     return tick
 
@@ -204,10 +204,10 @@ def test_measurements_of_a_tick_and_what_acts_are_held_against_the_interlocks(
 ):
     assert judged(monitor, 3, acting, **samples).judged
     assert monitor.tripped == tripped
-    assert (monitor._machine.mode is Mode.SAFE_STOP) == bool(tripped)
+    assert (monitor.machine.mode is Mode.SAFE_STOP) == bool(tripped)
     if tripped:
-        assert monitor._machine.cause is Cause.INTERLOCK_TRIP
-        assert monitor._machine.reason == Reason(ReasonCode.INTERLOCKS, interlocks=monitor.tripped)
+        assert monitor.machine.cause is Cause.INTERLOCK_TRIP
+        assert monitor.machine.reason == Reason(ReasonCode.INTERLOCKS, interlocks=monitor.tripped)
 
 
 @pytest.mark.requirement("S2")
@@ -222,7 +222,7 @@ def test_a_sensor_that_becomes_invalid_and_valid_again_is_told_once_each(monitor
     judged(monitor, 4, **GOOD)
     assert (monitor.invalid_sensors, monitor.blind_since_ns) == ((), None)
     logged = [
-        (event.level, event.fact) for event in monitor._machine.events if event.who == "sensors"
+        (event.level, event.fact) for event in monitor.machine.events if event.who == "sensors"
     ]
     assert logged == [
         (Level.WARN, Fact.of(Code.SENSOR_INVALID, sensor="thermocouple", flaw="missing")),

@@ -38,6 +38,45 @@ def test_it_leads_when_it_has_heard_of_nobody_for_a_while(make_leader, others, l
     assert leader.failover.signature[:2] == (1, "m")
 
 
+@pytest.mark.requirement("S9")
+@pytest.mark.parametrize("lockstep", [False, True])
+def test_standby_leads_when_it_hears_of_nobody_and_nothing_is_measured(make_leader, lockstep):
+    """The plant may wait for a publisher of commands before its first tick."""
+    standby = make_leader(standby=True, lockstep=lockstep)
+    standby.run(4.99)
+    assert standby.failover.role is Role.STANDBY
+    standby.run(0.02)
+    assert standby.failover.role is Role.ACTIVE
+    assert standby.arbiter.machine.transitions == 0, "a start is no takeover"
+    assert standby.tick(5).sent[-1].source == "decentral"
+
+
+@pytest.mark.requirement("S9")
+def test_standby_waits_for_a_slow_leader_before_the_first_measurement(make_leader):
+    standby = make_leader(standby=True)
+    standby.failover.rival_writer = True  # its publisher is there, its state has not arrived
+    standby.run(60.0)
+    assert standby.failover.role is Role.STANDBY
+    standby.failover.rival_writer = False
+    standby.failover.on_leader_state(OTHER)
+    standby.call([])
+    standby.run(4.9)
+    assert standby.failover.role is Role.STANDBY
+    standby.run(0.2)
+    assert standby.failover.role is Role.ACTIVE, "the leader died before the first measurement"
+
+
+@pytest.mark.requirement("S9")
+def test_standby_that_was_stalled_has_not_listened(make_leader):
+    """Its start may last long on a busy machine; a leader is not discovered by then."""
+    standby = make_leader(standby=True)
+    standby.sleep(20.0)
+    standby.run(0.0).run(4.9)
+    assert standby.failover.role is Role.STANDBY
+    standby.run(0.2)
+    assert standby.failover.role is Role.ACTIVE
+
+
 @pytest.mark.requirement("S9", "S25")
 def test_nothing_is_sent_before_the_actuator_end_has_reported(make_leader):
     leader = make_leader()
@@ -300,7 +339,6 @@ def test_a_new_term_begins_above_each_that_was_heard(make_leader):
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_a_standby_is_woken_when_the_leaders_answer_is_overdue(make_leader, lockstep):
     standby = make_leader(standby=True, lockstep=lockstep, takeover_ticks=1)
-    assert standby.failover.wakeup_s is None
     standby.measure()
     assert standby.sent == []
     due_s = standby.now_s + (2.0 if lockstep else standby.arbiter.settings.takeover_s(lockstep))

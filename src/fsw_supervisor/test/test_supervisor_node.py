@@ -39,7 +39,6 @@ from fsw_msgs.srv import (  # noqa: E402
 )
 from fsw_supervisor import failover  # noqa: E402
 from fsw_supervisor.facts import Code, Fact  # noqa: E402
-from fsw_supervisor.failover import Role  # noqa: E402
 from fsw_supervisor.supervisor_node import SupervisorNode  # noqa: E402
 from fsw_test_support.ros_graph import Spinner  # noqa: E402
 
@@ -156,6 +155,11 @@ class Bench(Spinner):
         peer.tick()
         self.until(lambda: len(peer.commands) > 8)
 
+    def health(self, name):
+        """A controller's health as last published; that of an unknown one before it joins."""
+        known = self.peer.states[-1].controllers
+        return next((item for item in known if item.name == name), ControllerHealth())
+
     def switch(self, name, strictness=STRICT, timeout_s=5.0):
         timeout = Duration(sec=int(timeout_s), nanosec=round(timeout_s % 1 * 1e9))
         request = SwitchController.Request(name=name, strictness=strictness, timeout=timeout)
@@ -194,10 +198,12 @@ def test_who_joins_before_the_role_is_decided_is_told_then(make_bench, capfd, mo
     with monkeypatch.context() as patch:
         patch.setattr(failover, "LISTEN_S", 1e6)  # however busy the machine is
         bench = make_bench()
-        bench.supervisor._arbiter.registry.join("decentral")
-        assert bench.supervisor._role is Role.LISTENING
+        bench.peer.add("third")
+        proposals, _ = bench.peer.voices["third"]
+        bench.until(proposals.get_subscription_count)
+        assert not bench.peer.states
     bench.run()
-    assert capfd.readouterr().err.count(Fact.of(Code.JOINED, controller="decentral").words) == 1
+    assert capfd.readouterr().err.count(Fact.of(Code.JOINED, controller="third").words) == 1
 
 
 @pytest.mark.requirement("S25")
@@ -265,7 +271,7 @@ def test_switches_by_service_and_says_what_happened(bench):
 
 def test_a_waiting_answer_does_not_hold_up_the_ticks(bench):
     bench.peer.wild.add("nmpc")
-    bench.until(lambda: not bench.supervisor._arbiter.registry.get("nmpc").consecutive_good)
+    bench.until(lambda: not bench.health("nmpc").consecutive_good)
     future = bench.peer.switching.call_async(
         SwitchController.Request(name="nmpc", strictness=BEST_EFFORT, timeout=Duration(sec=60))
     )
@@ -281,7 +287,7 @@ def test_a_waiting_answer_does_not_hold_up_the_ticks(bench):
 
 def test_lists_controllers_with_their_health(bench):
     bench.peer.wild.add("nmpc")
-    bench.until(lambda: bench.supervisor._arbiter.registry.get("nmpc").rejected > 3)
+    bench.until(lambda: bench.health("nmpc").rejected > 3)
     answer = bench.call(bench.peer.listing, ListControllers.Request())
     assert (answer.active, answer.mode) == ("decentral", "auto")
     decentral, nmpc = answer.controllers
@@ -322,29 +328,31 @@ def test_modes_by_service(bench):
     assert bench.call(bench.peer.listing, ListControllers.Request()).mode == "auto"
 
 
-def test_a_third_controller_appears_by_itself_and_leaves(bench):
+def test_a_third_controller_appears_by_itself_and_leaves(bench, capfd):
     bench.peer.add("third")
-    bench.until(lambda: bench.supervisor._arbiter.registry.is_ready("third"))
+    bench.until(lambda: bench.health("third").warm)
     assert bench.switch("third").ok
     assert bench.switch("decentral", BEST_EFFORT).ok
     bench.peer.remove("third")
-    bench.until(lambda: not bench.supervisor._arbiter.registry.get("third").present)
+    left, printed = Fact.of(Code.LEFT, controller="third").words, []
+    bench.until(lambda: printed.append(capfd.readouterr().err) or left in "".join(printed))
+    bench.until(lambda: not bench.health("third").healthy)
 
 
-def code_of(status):
-    return next(pair.value for pair in status.values if pair.key == "code")
+def value_of(status, key="code"):
+    return next(pair.value for pair in status.values if pair.key == key)
 
 
 @pytest.mark.requirement("S11")
 def test_a_foreign_writer_is_an_error_in_diagnostics(bench):
     bench.until(lambda: bench.peer.report("command topic") is not None)
-    assert code_of(bench.peer.report("command topic")) == "only_writer"
+    assert value_of(bench.peer.report("command topic")) == "only_writer"
     foreign = bench.peer.create_publisher(WeldCommand, "fsw/command", 10)
     bench.until(lambda: foreign.get_subscription_count() == 2)
     foreign.publish(convert.command_message(Command(60.0, 300.0), 1, "decentral"))
-    bench.until(lambda: bench.supervisor._arbiter.watch.foreign_commands == 1)
     bench.until(lambda: bench.peer.report("command topic").level == DiagnosticStatus.ERROR)
-    assert code_of(bench.peer.report("command topic")) == "foreign"
+    assert value_of(bench.peer.report("command topic"), "foreign commands") == "1"
+    assert value_of(bench.peer.report("command topic")) == "foreign"
     assert bench.peer.commands[-1].source == "decentral"
 
 
@@ -369,10 +377,10 @@ def test_parameters_can_be_changed_while_running_and_are_checked(bench):
     from rclpy.parameter import Parameter
 
     good, bad = bench.supervisor.set_parameters(
-        [Parameter("readmit_ticks", value=7), Parameter("deadline_s", value=0.9)]
+        [Parameter("warm_ticks", value=7), Parameter("deadline_s", value=0.9)]
     )
     assert good.successful
-    assert bench.supervisor._arbiter.settings.readmit_ticks == 7
+    bench.until(lambda: bench.health("nmpc").required_good == 7)
     assert not bad.successful
     assert "deadline_s is 0.9 s; it must be between 0 and tick_period_s" in bad.reason
 
@@ -387,14 +395,15 @@ def test_topics_and_discovery_follow_the_namespace(make_bench):
     bench = make_bench(remap="__ns:=/cell")
     bench.run("decentral", "third")
     assert bench.supervisor.count_publishers("/cell/fsw/command") == 1
-    bench.until(lambda: bench.supervisor._arbiter.registry.is_ready("third"))
+    bench.until(lambda: bench.health("third").warm)
     assert bench.switch("third").ok
 
 
 @pytest.mark.parametrize("name", ["manual", "unknown"])
 def test_reserved_source_names_are_not_controllers(bench, name):
     bench.peer.add(name)
-    bench.until(lambda: bench.supervisor._controllers.ignored)
+    bench.peer.add("third")  # found later than the one before
+    bench.until(lambda: bench.health("third").warm)
     assert bench.switch(name).code == "unknown_controller"
 
 
@@ -404,12 +413,13 @@ def test_an_interlock_trips_on_what_the_load_cell_sees(bench):
     bench.until(lambda: bench.peer.commands[-1].source == "safe_stop")
     bench.until(lambda: bench.peer.states[-1].actual_mode == "safe_stop")
     assert bench.peer.states[-1].why[0].interlocks == ["force_high"]
+    assert bench.peer.states[-1].acknowledgement_blocked_by == ["force_high"]
     acknowledge = bench.peer.create_client(OperatorRequest, "fsw/acknowledge")
     refused = bench.call(acknowledge, OperatorRequest.Request())
     assert (refused.ok, refused.code) == (False, "cause_present")
     assert "force_high" in refused.message
     bench.peer.pushed_kn = 0.0
-    bench.until(lambda: not bench.peer.states[-1].interlocks)
+    bench.until(lambda: not bench.peer.states[-1].acknowledgement_blocked_by)
     assert bench.call(acknowledge, OperatorRequest.Request()).ok
     bench.until(lambda: not bench.peer.states[-1].stop.stopped)
     mode = bench.peer.create_client(SetMode, "fsw/set_mode")

@@ -121,6 +121,35 @@ def test_cooling_by_the_stop_is_acknowledged_but_lets_nobody_leave_it(rig):
 
 
 @pytest.mark.requirement("S25")
+@pytest.mark.parametrize("restarted", [False, True])
+def test_trip_that_refuses_the_acknowledgement_is_listed(rig, restarted):
+    """A supervisor that restarts in mid-stop cannot know that the cold is the stop's doing."""
+    ask(rig, "safe_stop")
+    change_temperature(rig.run(10), COLD)
+    if restarted:
+        rig.restart()
+        rig.tick()  # listens
+        rig.run(10)
+    assert rig.arbiter.safety.active["temperature_low"] is Severity.TRIP
+    listed = rig.arbiter.operator.acknowledgement_blocked_by
+    assert listed == (("temperature_low",) if restarted else ())
+    ok, why = acknowledge(rig)
+    assert ok is not restarted
+    assert ok or [cause.data["interlock"] for cause in why.data["causes"]] == list(listed)
+
+
+@pytest.mark.requirement("S25")
+def test_sensor_that_refuses_the_acknowledgement_is_listed(rig):
+    ask(rig, "safe_stop")
+    rig.run(1)
+    assert rig.arbiter.operator.acknowledgement_blocked_by == ()
+    del rig.values["depth"]
+    rig.run(10)
+    assert rig.arbiter.operator.acknowledgement_blocked_by == ("depth",)
+    assert not acknowledge(rig)[0]
+
+
+@pytest.mark.requirement("S25")
 def test_cold_that_caused_the_stop_is_not_its_consequence(rig):
     change_temperature(rig, COLD)
     assert rig.arbiter.machine.mode is Mode.SAFE_STOP
@@ -435,6 +464,7 @@ def test_nobody_acknowledges_a_safe_stop_before_anything_is_measured(rig):
     ok, why = acknowledge(rig)
     assert not ok
     assert [cause.code for cause in why.data["causes"]] == ["nothing_measured"]
+    assert rig.arbiter.operator.acknowledgement_blocked_by == ("nothing_measured",)
     rig.run(3)
     assert not ask(rig, "manual")[0]
     assert acknowledge(rig)[0]

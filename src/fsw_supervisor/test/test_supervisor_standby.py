@@ -172,6 +172,15 @@ class World:
                     member.hear(lambda member: member.arbiter.on_time(self.now_s))
         self.now_s = start_s + 0.1
 
+    def wait(self, seconds):
+        """Let time pass without measurements."""
+        end_s = self.now_s + seconds
+        while self.now_s < end_s:
+            self.now_s += 0.05
+            self._wires()
+            for member in self.members:
+                member.hear(lambda member: member.arbiter.on_time(self.now_s))
+
     def _wires(self):
         while self.events and self.events[0][0] <= self.now_s + 1e-9:
             _, _, member, call = heapq.heappop(self.events)
@@ -407,6 +416,22 @@ def test_two_that_start_together_become_one_active_and_one_standby():
     assert len(world.active) == 1
     assert world.lost(10) == 0
     assert world.taken == sorted(world.taken)
+
+
+@pytest.mark.requirement("S9")
+@pytest.mark.parametrize("lag_s", [0.001, 0.3, 3.0])
+@pytest.mark.parametrize("late_s", [0.0, 0.2, 4.9])
+def test_one_of_two_standbys_leads_before_the_first_measurement(lag_s, late_s):
+    world = World()
+    a = world.add("a", standby=True)
+    world.wait(late_s)
+    b = world.add("b", standby=True)
+    a.lag_s = b.lag_s = lag_s
+    world.wait(15.0)
+    assert len(world.active) == 1
+    world.tick(10)
+    assert len(world.active) == 1
+    assert (world.source, len(set(world.taken))) == ("decentral", 1)
 
 
 def test_a_standby_alone_begins_by_itself():

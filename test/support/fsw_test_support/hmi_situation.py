@@ -67,6 +67,7 @@ def state(**changed: Any) -> dict[str, Any]:
         "stop_cause": StopCause.NONE,
         "interlocks": [],
         "tripped": [],
+        "acknowledgement_blocked_by": [],
         "known": True,
         "by": "Anna (1)",
         "acknowledged": False,

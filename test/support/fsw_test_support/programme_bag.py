@@ -11,7 +11,7 @@ import yaml
 from fsw_control.parameters import defaults
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
 from fsw_recorder.definitions import interface_definition, interface_hash
-from fsw_recorder.qos import profile
+from fsw_recorder.topic import profile
 from fsw_supervisor.parameters import SupervisorParameters
 from fsw_test_support.sample_weld import START_NS, SampleTypes, sample_messages, sample_topics
 

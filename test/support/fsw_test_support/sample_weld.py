@@ -14,7 +14,7 @@ from typing import Any
 
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic
 from fsw_recorder.definitions import Definitions, interface_definition, interface_hash
-from fsw_recorder.qos import profile
+from fsw_recorder.topic import profile
 
 TICK_NS = 100_000_000
 START_NS = 1_700_000_000_000_000_000

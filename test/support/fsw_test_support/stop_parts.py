@@ -208,7 +208,7 @@ class Rebuilt:
         machine = self.machine = self.arbiter.machine
         failover = self.failover = _Failover(cast(Any, self.arbiter), before.identity, True, 0.0)
         failover.role = Role.ACTIVE if before.active else Role.STANDBY
-        failover.term, failover._heard_term, failover._confirmed = (
+        failover.term, failover.heard_term, failover.confirmed = (
             before.term,
             before.heard_term,
             before.confirmed,
@@ -233,8 +233,8 @@ class Rebuilt:
             active=active,
             term=failover.term,
             reported=failover.actuator is not None,
-            heard_term=failover._heard_term,
-            confirmed=failover._confirmed and active,
+            heard_term=failover.heard_term,
+            confirmed=failover.confirmed and active,
             value=own,
             unheard=machine.register._unheard,
             agrees=machine.reported == own,

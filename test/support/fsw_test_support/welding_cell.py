@@ -211,7 +211,8 @@ class Cell:
     def _ask(self, letter: str) -> None:
         operator, machine = self.arbiter.operator, self.arbiter.machine
         if letter == "acknowledge":
-            self.rules.acknowledged(operator.acknowledge("operator")[0])
+            listed = operator.acknowledgement_blocked_by
+            self.rules.acknowledged(operator.acknowledge("operator")[0], listed, machine.mode)
         elif letter == "switch":
             name = NAMES[machine.active == NAMES[0]]
             request = operator.ask_switch(name, False, _SWITCH_TIMEOUT_S, "operator", self.now_s)
@@ -390,8 +391,11 @@ class Rules:
     def asked(self, request: Any) -> None:
         self._waiting.append((request, 0))
 
-    def acknowledged(self, ok: bool) -> None:
+    def acknowledged(self, ok: bool, listed: tuple[str, ...], mode: Mode) -> None:
         self.to_acknowledge = self.to_acknowledge and not ok
+        if mode is Mode.SAFE_STOP and ok is bool(listed):
+            words = f"the answer is {ok}, listed are {listed}"
+            self._broken("what refuses an acknowledgement is listed", words)
 
     def answered(self, request: str, ok: bool, mode: Mode) -> None:
         if ok and mode != request:

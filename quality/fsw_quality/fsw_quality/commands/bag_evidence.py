@@ -9,11 +9,19 @@ from datetime import UTC, datetime
 from pydantic_core import to_jsonable_python
 
 from fsw.bags import bag_argument, print_notes
-from fsw.command import FORCE, command, file, option
-from fsw.console import ProgressBar
+from fsw.command import (
+    FORCE,
+    PRIVATE_KEY,
+    REQUIRE_SIGNED,
+    TRUSTED,
+    command,
+    file,
+    option,
+    private_key,
+    trusted_keys,
+)
+from fsw.console import ProgressBar, check_new, write_json
 from fsw.errors import CommandError
-from fsw.keys import PRIVATE_KEY, REQUIRE_SIGNED, TRUSTED, private_key, trusted_keys
-from fsw.outputs import check_new, write_json
 from fsw_quality.attestation import Chain
 from fsw_quality.evidence import Policy, Subject, Verification, attest, verify_bag
 from fsw_recorder import after_recording

@@ -12,9 +12,8 @@ from pathlib import Path
 
 from fsw.bags import DAMAGED_TOO, read_weld
 from fsw.command import FORCE, FORMAT_BESIDE, command, file, group, option
-from fsw.console import ProgressBar, print_table
+from fsw.console import ProgressBar, check_new, print_table
 from fsw.errors import CommandError
-from fsw.outputs import check_new
 from fsw_analysis.procedure import Identity
 from fsw_analysis.report import labels
 from fsw_control.schema.extensions import Extra

@@ -7,10 +7,18 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from fsw.command import FORCE, command, group, option
-from fsw.console import print_table
-from fsw.keys import PRIVATE_KEY, REQUIRE_SIGNED, TRUSTED, private_key, trusted_keys
-from fsw.outputs import check_new, write_text
+from fsw.command import (
+    FORCE,
+    PRIVATE_KEY,
+    REQUIRE_SIGNED,
+    TRUSTED,
+    command,
+    group,
+    option,
+    private_key,
+    trusted_keys,
+)
+from fsw.console import check_new, print_table, write_text
 from fsw_analysis.procedure import Procedure
 from fsw_control.schema.files import read_regular
 from fsw_control.schema.models import content_of, validate

@@ -7,11 +7,19 @@ from pathlib import Path
 
 import fsw
 from fsw.bags import DAMAGED_TOO, print_notes
-from fsw.command import FORCE, FORMAT_BESIDE, assigned, command, file, option, repeated
-from fsw.console import ProgressBar
+from fsw.command import (
+    FORCE,
+    FORMAT_BESIDE,
+    REQUIRE_SIGNED_PROCEDURE,
+    TRUSTED,
+    assigned,
+    command,
+    file,
+    option,
+    repeated,
+)
+from fsw.console import ProgressBar, check_new
 from fsw.errors import CommandError
-from fsw.keys import REQUIRE_SIGNED_PROCEDURE, TRUSTED
-from fsw.outputs import check_new
 from fsw_analysis.report import labels
 from fsw_quality import record_hook, report
 from fsw_quality.record_content import Record

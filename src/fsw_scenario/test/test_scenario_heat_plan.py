@@ -12,8 +12,8 @@ from fsw_model import nominal
 from fsw_model.heat_profile import CORRELATION_MM, HeatProfile, HeatSource, ThermalModel
 from fsw_nmpc import NmpcController
 from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.heat_ahead import HeatAhead
 from fsw_scenario.scenario_file import load, parse
+from fsw_scenario.weld_programme_course import HeatAhead
 
 DWELL_S, LENGTH_MM, SPEED_MM_PER_S = 6.0, 43.0, 86.0 / 60.0
 WELD_S = DWELL_S + LENGTH_MM / SPEED_MM_PER_S
