@@ -146,9 +146,10 @@ def new_folder(
         if folder.is_dir() and any(path.name != _MARK for path in folder.iterdir()):
             ours = (folder / _MARK).exists()
             if not (ours and force):
-                again = ", or give --force to keep it as the first free FOLDER_N" if ours else ""
+                again = ", or give --force to keep it as the first free FOLDER_N"
                 raise CommandError(
-                    f"folder {folder} exists and is not empty; choose another {option}{again}"
+                    f"folder {folder} exists and is not empty; choose another {option}"
+                    + (again if ours and force is not None else "")
                 )
             if used := next(_inputs_in(folder, arguments, outputs), None):
                 raise CommandError(f"--force does not move {used}, which this command reads")

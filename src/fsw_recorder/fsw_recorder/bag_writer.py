@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
 import threading
 import time
 from collections import deque
@@ -12,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import IO
 
 from fsw_recorder.bag_file import CHUNK_BYTES, BagFile
 from fsw_recorder.bag_metadata import METADATA_NAME, FileSummary, metadata_text
@@ -34,6 +37,9 @@ _END_OF_TIME_NS = 2**64
 #: share of the chunk period after which a chunk is committed, so that a late wake-up does not
 #: exceed it
 _EARLY = 0.9
+
+#: space kept free on the disk for what closes a bag: the end of its file, metadata and manifest
+_RESERVED_BYTES = 256 * 1024
 
 #: topic, log time, publish time, sequence, data
 Queued = tuple[str, int, int, int, bytes]
@@ -247,9 +253,11 @@ class _Files:
         self._last_sync = time.monotonic()
         self._descriptor = _make_folder(folder)
         try:
+            self._reserve = _reserved(folder)
             self.current()
         except OSError as error:
             self.close()
+            shutil.rmtree(folder, ignore_errors=True)
             raise BagError(f"{folder}: cannot be written: {error.strerror}") from None
 
     def current(self) -> BagFile:
@@ -313,11 +321,13 @@ class _Files:
 
     def finish(self) -> None:
         """Finish the bag."""
+        self._reserve.close()
         self._finish_file()
         self._write_metadata()
 
     def close_off(self) -> None:
         """Leave the committed data as an intact bag, whatever has failed."""
+        self._reserve.close()  # of a full disk
         if self._file is not None:
             with suppress(OSError):
                 self._file.close_off()
@@ -359,11 +369,15 @@ class _Files:
     def _replace(self, name: str, text: str) -> None:
         temporary, here = f".{name}.new", self._descriptor
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644, dir_fd=here)
-        with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(temporary, name, src_dir_fd=here, dst_dir_fd=here)
+        try:
+            with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
+                stream.write(text)
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.replace(temporary, name, src_dir_fd=here, dst_dir_fd=here)
+        except OSError:
+            os.unlink(temporary, dir_fd=here)
+            raise
         os.fsync(here)
 
 
@@ -378,6 +392,14 @@ def _make_folder(folder: Path) -> int:
         raise BagError(
             f"{folder}: cannot be made: {error.strerror}. Choose a folder you may write to"
         ) from None
+
+
+def _reserved(folder: Path) -> IO[bytes]:
+    """A file without a name that keeps the space; none where the disk cannot do that."""
+    file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115  # open as long as the bag
+    with suppress(OSError):
+        os.posix_fallocate(file.fileno(), 0, _RESERVED_BYTES)
+    return file
 
 
 def taken(folder: Path) -> BagError:

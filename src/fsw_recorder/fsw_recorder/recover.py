@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,7 +42,8 @@ def recover(
     any readable bag (split, compressed, sqlite3) into an MCAP bag. The new folder must not exist.
     ``selection``, ``keep_attachment`` and ``stop_ns`` restrict it to topics, to attachments by
     name, and to messages received before a time. ``progress`` is called now and then with the
-    fraction done, 0 to 1.
+    fraction done, 0 to 1. If it cannot be finished, nothing is left of the new bag: a part would
+    look like the whole.
 
     Raises
     ------
@@ -55,15 +57,19 @@ def recover(
             if selection is None or selection.takes(name)
         }
         custom = {**reader.metadata.custom_data, "recovered_from": str(source)}
-        with BagWriter(target, options, custom) as writer:
-            for topic in topics.values():
-                writer.add_topic(topic)
-            for attachment in reader.attachments():
-                if keep_attachment(attachment.name):
-                    writer.attach(attachment.name, attachment.media_type, attachment.data)
-            return copy(
-                reader.records(topics, stop_ns=stop_ns, progress=progress), writer, reader.problems
-            )
+        writer = BagWriter(target, options, custom)
+        try:
+            with writer:
+                for topic in topics.values():
+                    writer.add_topic(topic)
+                for attachment in reader.attachments():
+                    if keep_attachment(attachment.name):
+                        writer.attach(attachment.name, attachment.media_type, attachment.data)
+                records = reader.records(topics, stop_ns=stop_ns, progress=progress)
+                return copy(records, writer, reader.problems)
+        except BaseException:  # an interrupt, too
+            shutil.rmtree(writer.folder, ignore_errors=True)
+            raise
 
 
 def copy(

@@ -105,6 +105,11 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
         self._clock_period_ns = round(1e9 / values["clock_frequency"])
         self._last_clock_ns = self._last_tick_ns = 0
         self._wait_for: list[str] = [name for name in values["wait_for"] if name]
+        if absent := sorted({*self._wait_for} - {*self._publishers_by_topic}):
+            raise BagError(
+                f"{values['bag']}: wait_for names {', '.join(absent)}, which are not played from "
+                f"it; it plays {', '.join(sorted(self._publishers_by_topic))}"
+            )
         now = time.monotonic()
         self._settled_at = now + values["wait_settle"]
         self._waits_until = now + max(values["wait_timeout"], values["wait_settle"])
@@ -178,7 +183,6 @@ class ReplayNode(LightNode, Node):  # type: ignore[misc]
             if publisher.get_subscription_count()
             < max(self.count_subscribers(publisher.topic_name), self._wait_for.count(name))
         ]
-        missing += [name for name in self._wait_for if name not in self._publishers_by_topic]
         if missing and now < self._waits_until:
             return False
         if missing:

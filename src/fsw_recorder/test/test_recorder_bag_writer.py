@@ -5,6 +5,7 @@ import gc
 import os
 import shutil
 import struct
+import tempfile
 import threading
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,10 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from fsw_recorder import BagError
+from fsw_recorder.bag_metadata import METADATA_NAME
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.bag_writer import BagWriter, RecordedTopic, WriterOptions
+from fsw_recorder.manifest import MANIFEST_NAME
 from fsw_recorder.topic import profile
 
 HASH = "RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a"
@@ -285,6 +288,31 @@ def test_disk_with_room_for_the_end_gets_a_finished_file(
     monkeypatch.undo()
     with Reader(tmp_path / "bag") as reader:
         assert reader.message_count == len(list(reader.messages())) > 500
+
+
+@pytest.mark.requirement("S24")
+def test_full_disk_has_room_for_what_closes_a_bag(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reserves: list[Any] = []
+    original = os.open
+
+    def reserve(**arguments: Any) -> Any:
+        reserves.append(temporary_file(**arguments))
+        return reserves[-1]
+
+    def open_new(name: Any, *arguments: Any, **options: Any) -> int:
+        if str(name).endswith(".new") and not reserves[0].closed:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return original(name, *arguments, **options)
+
+    temporary_file = tempfile.TemporaryFile
+    monkeypatch.setattr("fsw_recorder.bag_writer.tempfile.TemporaryFile", reserve)
+    monkeypatch.setattr("fsw_recorder.bag_writer.os.open", open_new)
+    monkeypatch.setattr("fsw_recorder.bag_file.os.write", FullDisk(20_000))
+    fail_while_writing(tmp_path / "bag", WriterOptions(manifest=True))
+    names = {file.name for file in (tmp_path / "bag").iterdir()}
+    assert names == {"bag_0.mcap", METADATA_NAME, MANIFEST_NAME}
 
 
 @pytest.mark.requirement("S24")

@@ -1,5 +1,7 @@
 """Recovering copies everything that can be read, exactly."""
 
+import errno
+import os
 import shutil
 from pathlib import Path
 
@@ -56,3 +58,28 @@ def test_target_exists(weld_bag: Path, tmp_path: Path) -> None:
     shutil.copytree(weld_bag, tmp_path / "saved")
     with pytest.raises(BagError, match="exists already"):
         recover(weld_bag, tmp_path / "saved")
+
+
+def test_unfinished_bag_is_removed(
+    weld_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room, write = [5_000], os.write
+
+    def fill(descriptor: int, data: bytes) -> int:
+        room[0] -= len(data)
+        if room[0] < 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(descriptor, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("fsw_recorder.bag_file.os.write", fill)
+        with pytest.raises(BagError):
+            recover(weld_bag, tmp_path / "saved")
+    assert not (tmp_path / "saved").exists()
+
+    def interrupt(share: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        recover(weld_bag, tmp_path / "saved", progress=interrupt)
+    assert not (tmp_path / "saved").exists()

@@ -140,6 +140,13 @@ def test_offset_selection_remapping_and_loop(graph: Any, genuine: Path) -> None:
     assert listener.clock_ns == []
 
 
+def test_waiting_for_what_is_not_played_ends_the_start(graph: Any, genuine: Path) -> None:
+    wait = "wait_for:=[/demo/depth, /demo/no_such]"
+    player = graph.start(REPLAY, str(genuine / "sqlite3"), "--ros-args", "-p", wait)
+    code, output = graph.end(player)
+    assert code == 2 and "/demo/no_such" in output
+
+
 def test_a_bag_that_is_missing_ends_the_start_with_one_line(graph: Any, tmp_path: Path) -> None:
     code, output = graph.end(graph.start(REPLAY, "missing", cwd=tmp_path))
     assert code == 2 and "no such bag" in output and output.count("\n") == 1
