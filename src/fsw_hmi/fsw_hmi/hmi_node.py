@@ -249,7 +249,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
                     StopCause.OPERATOR, order.who, self.get_clock().now().nanoseconds
                 )
                 self._stop.look()
-            self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
+            timeout_s = self._settings["request_timeout_s"]
+            self._orders.carry_out(action, order.who, answer, timeout_s)
 
     def _answer(self, order: Order, answer: Answer) -> None:
         answer = answer._replace(message=readable(answer.message))

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from action_msgs.srv import CancelGoal
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
@@ -58,45 +57,43 @@ class Orders:
         self._acknowledge = node.create_client(srv.OperatorRequest, "fsw/acknowledge")
         self._weld = {
             verb: node.create_client(srv.OperatorRequest, f"fsw/weld/{verb}")
-            for verb in ("hold", "resume")
+            for verb in ("hold", "resume", "abort")
         }
-        # by this service of every action, because the goal is another node's
-        self._cancel = node.create_client(CancelGoal, "fsw/run_weld/_action/cancel_goal")
 
     # ---------------------------------------------------------------- services
 
     def carry_out(
-        self, action: Action, answer: Callable[[Answer], object], timeout_s: float
+        self, action: Action, who: str, answer: Callable[[Answer], object], timeout_s: float
     ) -> None:
-        """Begin an action of the graph's services.
+        """Begin an action of the graph's services for an operator.
 
         ``answer`` gets what became of it; twice for a safe stop that is answered late.
         """
-        client, offered_by, request = self._request(action)
+        client, offered_by, request = self._request(action, who)
         repeat = isinstance(request, srv.SetMode.Request) and request.mode == SAFE_STOP
         wait_s = action.wait_s if isinstance(action, Switch) else 0.0
         due_s = time.monotonic() + timeout_s + wait_s
         self._calls.append(_Call(client, offered_by, request, answer, due_s, repeat))
         self.look()
 
-    def _request(self, action: Action) -> tuple[Client, str, Any]:
+    def _request(self, action: Action, who: str) -> tuple[Client, str, Any]:
         """Service of an action, the node that offers it, and the request."""
         match action:
             case SafeStop():
-                return self._set_mode, "supervisor", convert.mode_request(SAFE_STOP)
+                return self._set_mode, "supervisor", convert.mode_request(SAFE_STOP, who=who)
             case ChangeMode():
-                return self._set_mode, "supervisor", convert.mode_request(**dict(action))
+                return self._set_mode, "supervisor", convert.mode_request(**dict(action), who=who)
             case AcknowledgeStop():
-                return self._acknowledge, "supervisor", srv.OperatorRequest.Request()
+                return self._acknowledge, "supervisor", srv.OperatorRequest.Request(who=who)
             case Switch():
-                return self._switch, "supervisor", convert.switch_request(**dict(action))
+                request = convert.switch_request(**dict(action), who=who)
+                return self._switch, "supervisor", request
             case SetReference():
                 request = convert.set_reference_request(**dict(action))
                 return self._set_reference, "supervisor", request
-            case Programme(action="abort"):
-                return self._cancel, "programme", CancelGoal.Request()  # whichever goal there is
             case Programme():
-                return self._weld[action.action], "programme", srv.OperatorRequest.Request()
+                request = srv.OperatorRequest.Request(who=who)
+                return self._weld[action.action], "programme", request
         raise TypeError(f"{action!r} is not for the graph")
 
     def look(self) -> None:
@@ -152,7 +149,5 @@ class Orders:
 
 def _answer(response: Any) -> Answer:
     """Answer of a service."""
-    if isinstance(response, CancelGoal.Response):
-        return Code.ABORTED.done() if response.goals_canceling else Code.NO_WELD.refused()
     outcome, code = DONE if response.ok else REFUSED, response.code or Code.SERVICE
     return Answer(outcome, str(code), str(response.message))

@@ -364,7 +364,10 @@ def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_a
 
 
 def test_answers_of_services(graph, page):
+    askers = []
+
     def on_mode(request, response):
+        askers.append(request.who)
         response.ok, response.message = (
             request.mode in ("hold", "safe_stop"),
             f"{request.mode} {request.axial_force:g}",
@@ -373,13 +376,15 @@ def test_answers_of_services(graph, page):
         return response
 
     def on_switch(request, response):
+        askers.append(request.who)
         response.ok, response.message = (
             True,
             f"{request.name} {request.strictness} {request.timeout.sec}",
         )
         return response
 
-    def on_acknowledge(_, response):
+    def on_request(request, response):
+        askers.append(request.who)
         response.ok, response.code, response.message = False, "cause_present", "still hot"
         return response
 
@@ -400,27 +405,33 @@ def test_answers_of_services(graph, page):
     assert (manual["outcome"], manual["message"]) == ("refused", "manual 78000")
     assert page.ask("switch", controller="nmpc", wait_s=2)["message"] == "nmpc 1 2"
     assert page.ask("safe_stop")["message"] == "safe_stop nan"
-    graph.serve(OperatorRequest, "fsw/acknowledge", on_acknowledge)
+    graph.serve(OperatorRequest, "fsw/acknowledge", on_request)
+    graph.serve(OperatorRequest, "fsw/weld/abort", on_request)
     wait_until(graph.hmi._orders._acknowledge.service_is_ready, "the service")
     assert page.ask("acknowledge_stop")["message"] == "still hot"
-    wait_until(lambda: len(graph.actions) == 8, "the record of all actions")
+    wait_until(graph.hmi._orders._weld["abort"].service_is_ready, "the service")
+    assert page.ask("weld", action="abort")["code"] == "cause_present"
+    wait_until(lambda: len(graph.actions) == 9, "the record of all actions")
     assert [(action.action, action.code) for action in graph.actions[:1]] == [
         ("log in", "logged_in")
     ]
-    assert [action.code for action in graph.actions[-4:]] == [
+    assert [action.code for action in graph.actions[-5:]] == [
         "mode_next",
         "service",
         "mode_next",
         "cause_present",
+        "cause_present",
     ]
-    assert [(action.action, action.outcome) for action in graph.actions][-4:] == [
+    assert set(askers) == {action.who for action in graph.actions} and len(askers) == 6
+    assert [(action.action, action.outcome) for action in graph.actions][-5:] == [
         ("mode manual 78 kN, 400 rpm", "refused"),
         ("switch to nmpc", "done"),
         ("safe stop", "done"),
         ("acknowledge the safe stop", "refused"),
+        ("weld abort", "refused"),
     ]
     assert all(action.who.startswith("anna (") for action in graph.actions)
-    listed = page.seen("actions", lambda frame: len(frame["actions"]) == 8)["actions"]
+    listed = page.seen("actions", lambda frame: len(frame["actions"]) == 9)["actions"]
     assert [
         (action["who"], action["action"], action["outcome"], action["code"]) for action in listed
     ] == [(action.who, action.action, action.outcome, action.code) for action in graph.actions]
