@@ -14,6 +14,8 @@ from fsw_hmi.answers import Answer, Code, Note
 _LAPSE_S = 60.0
 #: requests of a session in any second; safe stops do not count
 _MOST_REQUESTS = 10
+#: answers that a page may have missed when its connection was lost
+_ANSWERS = 50
 
 
 class Login(NamedTuple):
@@ -40,6 +42,8 @@ class Session:
     login: Login | None = None
     wrong: int = 0  #: passwords so far
     offences: int = 0
+    #: the last frames with answers: a page that resumes the session may have missed them
+    answers: deque[str] = field(default_factory=lambda: deque(maxlen=_ANSWERS))
     asked_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST_REQUESTS))
 
     def may_ask(self, now_s: float) -> bool:

@@ -101,7 +101,7 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._stopping, self._recording = StopProgress(), Recording()
         self._headline: dict[str, str] = {}
         self._account: dict[str, Any] | None = None
-        self._orders = Orders(self)
+        self._orders = Orders(self, self._watch.awake)
         self._register = StopRegister()
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
@@ -184,8 +184,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     # ---------------------------------------------------------------- now and then
 
     def _look(self) -> None:
-        self._orders.look()
         self._watch.look()
+        self._orders.look()  # after it has noted how long this process stood still
         self._watch.now.stop_waits = self._register.stopped
         if self._desk.judge():
             self._show("alarms", self._desk.frame())

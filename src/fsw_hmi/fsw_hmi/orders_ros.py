@@ -14,6 +14,7 @@ from rclpy.task import Future
 from fsw_control import messages_ros as convert
 from fsw_control.contract import SAFE_STOP
 from fsw_hmi.answers import DONE, REFUSED, Answer, Code
+from fsw_hmi.awake import Awake
 from fsw_hmi.requests import (
     AcknowledgeStop,
     Action,
@@ -38,7 +39,8 @@ class _Call:
     offered_by: str
     request: Any
     answer: Callable[[Answer], object]
-    due_s: float
+    begun_s: float
+    patience_s: float
     repeat: bool
     asked_s: float = 0.0
     future: Any = None  # rclpy.task.Future
@@ -47,10 +49,15 @@ class _Call:
 
 
 class Orders:
-    """Carries out actions; call :meth:`look` often."""
+    """Carries out actions; call :meth:`look` often.
 
-    def __init__(self, node: Node) -> None:
+    An answer that came while this process stood still waits to be read: ``awake`` knows how long
+    that was.
+    """
+
+    def __init__(self, node: Node, awake: Awake) -> None:
         self._calls: list[_Call] = []
+        self._awake = awake
         self._set_reference = node.create_client(srv.SetReference, "fsw/set_reference")
         self._switch = node.create_client(srv.SwitchController, "fsw/switch_controller")
         self._set_mode = node.create_client(srv.SetMode, "fsw/set_mode")
@@ -72,8 +79,9 @@ class Orders:
         client, offered_by, request = self._request(action, who)
         repeat = isinstance(request, srv.SetMode.Request) and request.mode == SAFE_STOP
         wait_s = action.wait_s if isinstance(action, Switch) else 0.0
-        due_s = time.monotonic() + timeout_s + wait_s
-        self._calls.append(_Call(client, offered_by, request, answer, due_s, repeat))
+        patience_s = timeout_s + wait_s
+        call = _Call(client, offered_by, request, answer, time.monotonic(), patience_s, repeat)
+        self._calls.append(call)
         self.look()
 
     def _request(self, action: Action, who: str) -> tuple[Client, str, Any]:
@@ -100,10 +108,11 @@ class Orders:
         """Send requests whose service has appeared, and time out the others."""
         now_s = time.monotonic()
         for call in [*self._calls]:
-            if now_s >= call.due_s:
+            if self._awake.age_s(call.begun_s, now_s) >= call.patience_s:
                 service = call.offered_by
                 if call.repeat and not call.is_answered:
-                    call.is_answered, call.due_s = True, now_s + _REPEAT_FOR_S
+                    call.is_answered = True
+                    call.begun_s, call.patience_s = now_s, _REPEAT_FOR_S
                     code = Code.UNCONFIRMED if call.refused else Code.ASKED_AGAIN
                     call.answer(code.timed_out(service=service, wait_s=_REPEAT_FOR_S))
                 else:

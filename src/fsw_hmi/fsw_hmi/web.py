@@ -17,6 +17,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from fsw_control.coded import Fact
 from fsw_hmi.answers import Answer, Loss
+from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import History, Page
@@ -123,6 +124,8 @@ class LivePage:
             self._touch(page.peer, True)
         self._pages.add(page)
         self._begin(page)
+        for text in session.answers:  # it takes those that it waits for
+            page.answer(text)
         ends = _send(socket, page), self._listen(socket, page), page.given_up.wait()
         jobs = [asyncio.create_task(job) for job in ends]
         try:
@@ -202,7 +205,7 @@ class LivePage:
             self._order(page, order.id, order)
             return
         if order.id is not None and order.answer.outcome:
-            page.answer(_answer(order.id, order.answer))
+            self._reply(page.session, order.id, order.answer)
         if order.asked:
             self._deliver(order)
 
@@ -217,10 +220,18 @@ class LivePage:
         def reply(answer: Answer) -> None:
             """Take the outcome; only the first one counts."""
             for number in ids:
-                page.answer(_answer(number, answer))
+                self._reply(page.session, number, answer)
             ids.clear()
 
         self._deliver(replace(order, reply=reply))
+
+    def _reply(self, session: Session, request: int, answer: Answer) -> None:
+        """Answer a request, on whichever connection its page has now or resumes its session."""
+        text = _answer(request, answer)
+        session.answers.append(text)
+        for page in self._pages:
+            if page.session is session:
+                page.answer(text)
 
     def _show_control(self) -> None:
         """Send changes of control to the pages that they concern."""

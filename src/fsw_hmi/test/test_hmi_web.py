@@ -410,13 +410,19 @@ def test_frames_of_the_graph_replace_each_other(server):
 def test_page_that_is_cut_off_resumes_where_it_was(server, noticed):
     page = server.open()
     page.command(TOKEN)
+    assert server.next_order().asked == "take control"
+    number = page.send("mode", mode="auto")
+    order = server.next_order()
     hello = page.frames["hello"]
     if noticed:
         page.socket.close(4002)
         wait_until(lambda: server.room.holder.lost_s is not None, "the loss of the connection")
+        server.answer(order)  # while no page is there
     with server.open(resume=hello["resume"]) as again:
         assert again.seen("hello")["session"] == hello["session"]
         assert again.seen("control")["you"]
+        server.answer(order)  # to a request of the connection that was cut
+        again.seen("answer", lambda frame: (frame["id"], frame["outcome"]) == (number, "done"))
         again.send("mode", mode="hold")
         assert server.next_order().holder == f"anna ({hello['session']})"
     wait_until(lambda: server.room.holder is None, "the end of control")  # a page that is closed

@@ -130,7 +130,7 @@ class FakeHmi:
         self.recording: dict[str, Any] = {"state": "recording", "bag": "weld/bag"}
         self.recording |= {"bytes": 12_300_000, "missing": 0, "gap": None}
         self.refusals: dict[str, str] = {}  #: request -> reason
-        self.mute: set[str] = set()  #: requests that get no answer
+        self.mute: set[str] = set()  #: requests that get no answer on their connection
         self.requests: list[dict[str, Any]] = []
         self.state = _state()
         self.progress: dict[str, Any] | None = _progress()
@@ -323,6 +323,8 @@ class FakeHmi:
         session.local_stop = self.local_stop
         hello = self._hello(session.id) | {"resume": session.token}
         await socket.send_text(json.dumps(hello))
+        for answer in session.answers:
+            await socket.send_text(answer)
         now_s = time.time() - self.start_s
         for newest in range(0, 600, 60):
             times = [now_s - newest - (600 - i) * TICK_S for i in range(600)]
@@ -339,10 +341,11 @@ class FakeHmi:
                 request = json.loads(await socket.receive_text())
                 self.requests.append(request)
                 reply = self._answer(request, session)
+                answer = json.dumps({"t": "answer", "id": request["id"], **reply._asdict()})
+                session.answers.append(answer)
                 if request["do"] in self.mute:
                     continue
-                answer = {"t": "answer", "id": request["id"], **reply._asdict()}
-                await socket.send_text(json.dumps(answer))
+                await socket.send_text(answer)
                 await self._push()
         except WebSocketDisconnect:
             pass

@@ -14,7 +14,7 @@ const LOST_CODE = 4002;
 export class Connection {
   #build;
   #on;
-  /** @type {Map<number, {resolve: (answer: Answer) => void, timer: number}>} */ #pending = new Map();
+  /** @type {Map<number, {what: string, resolve: (answer: Answer) => void, timer: number}>} */ #pending = new Map();
   /** @type {WebSocket?} */ #socket = null;
   #resume = ""; // by which the server knows this page again after a short loss
   #nextId = 1;
@@ -47,7 +47,7 @@ export class Connection {
     const id = this.#nextId++;
     return new Promise((resolve) => {
       const timer = setTimeout(() => this.#answer({ id, outcome: "timed_out", message: "no answer from the server" }), ANSWER_MS);
-      this.#pending.set(id, { resolve, timer });
+      this.#pending.set(id, { what, resolve, timer });
       this.#socket?.send(JSON.stringify({ id, do: what, ...fields }));
     });
   }
@@ -65,17 +65,21 @@ export class Connection {
 
   #closed(/** @type {{code: number}} */ event) {
     this.#socket = null;
-    for (const id of [...this.#pending.keys()]) {
-      this.#answer({ id, outcome: "timed_out", message: "the connection was lost before the answer" });
+    this.#giveUp((what) => what === "safe_stop"); // which is sent again; the others are answered where the session goes on
+    if (event.code === STALE_CODE) {
+      this.#giveUp();
+      return this.#become("stale", "The page is out of date: reload it");
     }
-    if (event.code === STALE_CODE) return this.#become("stale", "The page is out of date: reload it");
     this.#become("lost", `Disconnected since ${this.#since()}`);
     this.#retry = setTimeout(() => this.#open(), AGAIN_MS * (0.8 + 0.4 * Math.random()));
   }
 
   #receive(/** @type {any} */ frame) {
     if (frame.t === "answer") return this.#answer(frame);
-    if (frame.t === "hello") this.#resume = frame.resume;
+    if (frame.t === "hello") {
+      if (frame.resume !== this.#resume) this.#giveUp();
+      this.#resume = frame.resume;
+    }
     if (frame.server_s !== undefined) this.#note(frame.server_s);
     this.#on.frame(frame);
   }
@@ -113,6 +117,13 @@ export class Connection {
     if (lost || (kind === this.#state.kind && text === this.#state.text)) return;
     this.#state = { kind, text };
     this.#on.linked(this.#state);
+  }
+
+  /** Requests whose answer cannot come. @param {(what: string) => boolean} lost */
+  #giveUp(lost = () => true) {
+    for (const [id, { what }] of [...this.#pending]) {
+      if (lost(what)) this.#answer({ id, outcome: "timed_out", message: "the connection was lost before the answer" });
+    }
   }
 
   #answer(/** @type {Answer & {id: number}} */ { id, outcome, message }) {
