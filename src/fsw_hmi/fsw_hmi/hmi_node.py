@@ -145,8 +145,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._weld.forget()
             self._recording = Recording()
             self._watch.progress = None  # of the weld before; a programme reports every second
-        if self._watch.progress is not None:
-            self._weld.on_progress(self._watch.progress)
+        if self._watch.progress is not None and self._weld.on_progress(self._watch.progress):
+            self._account = None
+            self._web.call(partial(self._page.withdraw, "account"))
         now = self._watch.now
         if now.state is not None:
             self._weld.on_state(now.leader, now.state)

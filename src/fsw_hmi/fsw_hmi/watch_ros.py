@@ -71,8 +71,9 @@ class Watch:
     controllers. So this node subscribes to the sensors only while it hears the drives, whose
     subscribers are not counted.
 
-    ``on_rows`` gets the rows that are over, and whether another weld has begun; ``show`` the kind
-    and the content of a frame, and of predictions whose it is.
+    ``on_rows`` gets the rows that are over, and whether time went back; it is called without rows
+    at a report of the programme. ``show`` gets the kind and the content of a frame, and of
+    predictions whose it is.
     """
 
     def __init__(
@@ -194,6 +195,7 @@ class Watch:
     def _on_progress(self, message: WeldProgress) -> None:
         self.progress, self.progress_s = _progress(message), time.monotonic()
         self.view.angle_deg = degrees(message.angle)
+        self._on_rows([], False)  # another weld may have begun
         self.show_progress()
 
     def show_progress(self) -> None:

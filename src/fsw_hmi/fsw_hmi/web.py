@@ -89,6 +89,10 @@ class LivePage:
         for page in self._pages:
             page.show(kind, text)
 
+    def withdraw(self, kind: str) -> None:
+        """Show new pages no frame of this kind."""
+        self._latest.pop(kind, None)
+
     def beat(self) -> None:
         """Send a heartbeat to all pages; call several times a second."""
         self._look_at_control()

@@ -236,6 +236,17 @@ def test_another_weld_begins_when_time_goes_back_and_no_sensor_is_missed_meanwhi
     graph.tick_until(is_cleared, "the end of the alarm")
 
 
+def test_page_that_opens_before_the_first_tick_of_a_weld_gets_no_verdict_of_the_last(graph, page):
+    graph.progress.publish(WeldProgress(state="running"))
+    graph.tick_until(lambda: page.receive()["t"] == "account", "the verdict")
+    for state in ("done", "running"):
+        graph.progress.publish(WeldProgress(state=state))
+        page.until("progress", lambda frame, state=state: frame["state"] == state)
+    with Page(graph.url) as new:
+        new.until("beat")
+        assert "progress" in new.frames and "account" not in new.frames
+
+
 def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
     health = ControllerHealth(name="nmpc", warm=True, healthy=True)
     graph.states.publish(
