@@ -82,7 +82,7 @@ class ControlRoom:
         self._users, self._local_stop = users, local_stop
         # wrong logins by client: how many, and when one was recorded last
         self._wrong: dict[str, tuple[int, float]] = {}
-        self._longest_first = False  # the next login to be checked has waited for longest
+        self._checks = 0  # of passwords so far
         self._sessions: dict[str, Session] = {}  # by token, in the order of opening
         # a name that came with a password proves who it is
         self._control = Control(handover_timeout_s, users.kind == "password")
@@ -226,8 +226,9 @@ class ControlRoom:
         """The open page whose password is to be checked next; None if none waits.
 
         Alternates between the oldest waiting login, so that nobody waits for ever, and the one
-        with the fewest failed attempts, by client, then page. Of clients without a failed one the
-        newest login comes first, as it may be that of an operator among many that begin to guess.
+        with the fewest failed attempts, by client, then page. Of equal ones the newest comes
+        first, as it may be that of an operator among many that begin to guess; where the client
+        has failed attempts, every second time the oldest: guessers may connect again.
         """
         waiting = sorted(
             (session.login.asked_s, place, session)
@@ -235,12 +236,13 @@ class ControlRoom:
             if session.login and session.lost_s is None
         )
         pages = [session for _, _, session in waiting]
-        if self._longest_first or not pages:
+        if self._checks % 2 or not pages:
             return pages[0] if pages else None
+        newest = self._checks % 4 == 2
 
         def turn(place: int) -> tuple[int, int, int]:
             count, _ = self._wrong.get(pages[place].client, _NONE_WRONG)
-            return count, pages[place].wrong, place if count else -place
+            return count, pages[place].wrong, -place if newest or not count else place
 
         return pages[min(range(len(pages)), key=turn)]
 
@@ -255,7 +257,7 @@ class ControlRoom:
         None: it could not be checked.
         """
         login, session.login = session.login, None
-        self._longest_first = not self._longest_first
+        self._checks += 1
         assert login is not None
         return self._signed(self._judge_login(session, login, user, now_s), session, login.id)
 
