@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -35,6 +36,8 @@ class Session:
     client: str = ""  #: that limits count
     local_stop: bool = False  #: whether it may stop without login
     token: str = ""  #: by which its page resumes it after its connection was lost
+    #: by which a browser gets further pages once a user has logged in
+    ticket: str = field(default_factory=lambda: secrets.token_urlsafe(16))
     lost_s: float | None = None  #: when the connection was lost; None while it stands
     name: str = ""  #: of the person; empty before the login
     note: Fact | None = None  #: what happened to its control, for its page

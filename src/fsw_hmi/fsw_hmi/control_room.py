@@ -112,6 +112,13 @@ class ControlRoom:
         self._sessions[token] = session = Session(number, client, local_stop, token)
         return session
 
+    def admits(self, ticket: str) -> bool:
+        """Whether a ticket is that of a session in which a user has logged in."""
+        return any(
+            other.name and secrets.compare_digest(other.ticket.encode(), ticket.encode())
+            for other in self._sessions.values()
+        )
+
     def lose(self, session: Session, now_s: float) -> None:
         """The connection of a page was lost; for a short time it may resume its session."""
         if session.name:
@@ -156,6 +163,7 @@ class ControlRoom:
         return self._control.shown(session, now_s) | {
             "name": session.name,
             "authenticated": bool(session.name),
+            "ticket": session.ticket if session.name else "",
             "may_stop": session.may_stop,
             "note": note.words if note else "",
             "note_code": str(note.code) if note else "",

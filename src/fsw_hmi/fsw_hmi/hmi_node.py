@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from math import nan
 from pathlib import Path
@@ -26,6 +26,7 @@ from fsw_analysis.rule_book import RuleBook, default
 from fsw_control import messages_ros as convert
 from fsw_control.light_node_ros import LightNode
 from fsw_control.parameters_ros import ParameterValues
+from fsw_control.schema.extensions import all_loaded
 from fsw_control.schema.files import write_status
 from fsw_control.schema.models import content_of, read_text, validate
 from fsw_control.stop import StopCause, StopRegister
@@ -106,7 +107,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(known, values["local_stop"], values["handover_timeout_s"])
-        self._page = LivePage(files, self._room, self._deliver, listening.gate.touch)
+        pages = pages_of(values["pages_folder"])
+        self._page = LivePage(files, self._room, self._deliver, listening.gate.touch, pages)
         hosts = values["host"], *values["allow_hosts"]
         app = application(self._page.routes(), hosts, listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
@@ -265,6 +267,12 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         header = convert.header(int(self.get_clock().now().nanoseconds))
         more = {"holder": order.holder, "kind": int(order.kind)}
         self._actions.publish(OperatorAction(header=header, **more, **done))
+
+
+def pages_of(folder: str) -> dict[str, Callable[[], str]]:
+    """Pages that other distributions make from a folder; InputError if one is broken."""
+    makers = all_loaded("fsw.pages") if folder else {}
+    return {name: partial(make, Path(folder).expanduser()) for name, make in makers.items()}
 
 
 def book_of(file: str) -> RuleBook:

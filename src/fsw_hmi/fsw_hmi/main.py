@@ -18,7 +18,10 @@ from fsw_hmi.parameters import HmiParameters
 #: what serves the page; ROS 2 does not bring it
 EXTRA = Extra("fsw-control", "hmi", ("argon2", "starlette", "uvicorn", "websockets"))
 #: parameters of the node that are options, too
-_OPTIONS = ("host", "port", "token_file", "users_file", "tls_cert", "tls_key", "allow_hosts")
+_OPTIONS = (
+    *("host", "port", "token_file", "users_file", "tls_cert", "tls_key", "allow_hosts"),
+    "pages_folder",
+)
 
 
 def parser() -> argparse.ArgumentParser:

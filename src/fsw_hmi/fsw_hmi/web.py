@@ -10,12 +10,17 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
-from starlette.routing import BaseRoute, WebSocketRoute
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from fsw_control.coded import Fact
+from fsw_control.schema.errors import InputError
 from fsw_hmi.answers import Answer, Loss
 from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Order
@@ -36,7 +41,8 @@ class LivePage:
     """The page over a running weld. All methods but the constructor belong to the server's loop.
 
     ``deliver`` takes an :class:`Order`, in the server's thread; ``touch`` address and port of a
-    page on which somebody has asked for something, and whether a user has logged in there.
+    page on which somebody has asked for something, and whether a user has logged in there;
+    ``pages`` the HTML of further pages, by name.
     """
 
     def __init__(
@@ -45,8 +51,10 @@ class LivePage:
         room: ControlRoom,
         deliver: Callable[[Order], None],
         touch: Callable[[Any, bool], None] = lambda _peer, _known: None,
+        pages: Mapping[str, Callable[[], str]] = MappingProxyType({}),
     ) -> None:
         self._files, self._room, self._deliver, self._touch = files, room, deliver, touch
+        self._further = pages
         # one thread: a flood of logins takes no more of the processor
         self._logins = ThreadPoolExecutor(1, "login", _step_back)
         self._checking: asyncio.Task[None] | None = None
@@ -59,7 +67,8 @@ class LivePage:
 
     def routes(self) -> list[BaseRoute]:
         """Routes of the application."""
-        return [*self._files.routes(), WebSocketRoute("/ws", self._on_open)]
+        further = Route("/pages/{name}", self._on_further)
+        return [*self._files.routes(), further, WebSocketRoute("/ws", self._on_open)]
 
     # ---------------------------------------------------------------- from the graph
 
@@ -107,6 +116,17 @@ class LivePage:
         self._show_control()
 
     # ---------------------------------------------------------------- one page
+
+    async def _on_further(self, request: Request) -> Response:
+        make = self._further.get(request.path_params["name"])
+        if make is None:
+            return PlainTextResponse("there is no such page\n", 404)
+        if not self._room.admits(request.query_params.get("ticket", "")):
+            return PlainTextResponse("log in first\n", 403)
+        try:
+            return HTMLResponse(await run_in_threadpool(make))
+        except InputError as error:
+            return PlainTextResponse(f"{error}\n", 404)
 
     async def _on_open(self, socket: WebSocket) -> None:
         await socket.accept()
@@ -158,6 +178,7 @@ class LivePage:
                 "resume": page.session.token,
                 "login": self._room.login,
                 "columns": COLUMNS,
+                "pages": [*self._further],
                 **self._hello,
             }
             page.session.known = {}

@@ -27,7 +27,7 @@ from fsw_control.journal import AlarmChange
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_control.units import NANOSECONDS
 from fsw_hmi import alarm_rules, hmi_node, main, watch_ros
-from fsw_hmi.hmi_node import HmiNode, book_of
+from fsw_hmi.hmi_node import HmiNode, book_of, pages_of
 from fsw_msgs.msg import (
     AlarmEvent,
     ControllerHealth,
@@ -654,6 +654,15 @@ def test_wrong_arguments_are_told_in_a_line(domain_id, capfd, arguments, text):
         code = ended.code
     assert code == 2
     assert text in capfd.readouterr().err.strip().splitlines()[-1]
+
+
+def test_further_pages_are_those_that_are_registered(tmp_path, monkeypatch):
+    registered = {"history": lambda folder: f"<p>{folder.name}</p>"}
+    monkeypatch.setattr(hmi_node, "all_loaded", {"fsw.pages": registered}.__getitem__)
+    assert pages_of("") == {}
+    assert pages_of(str(tmp_path / "welds"))["history"]() == "<p>welds</p>"
+    registered.clear()
+    assert pages_of(str(tmp_path)) == {}
 
 
 def test_procedure_changed_after_signing_is_refused(tmp_path):

@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from fsw_control.schema.errors import InputError
 from fsw_hmi.page_files import PageFiles
 from fsw_hmi.security import HEADERS
 from fsw_hmi.web_server import listen
@@ -127,6 +128,28 @@ def test_websocket_under_the_name_of_a_stranger_is_refused(server):
     )
 
 
+def test_further_page_is_for_users_and_has_the_same_policy(make_server):
+    def broken():
+        raise InputError("nothing there")
+
+    pages = {"history": lambda: "<p>6 welds</p>", "broken": broken}
+    server = make_server(pages=pages)
+    with server.open() as page:
+        assert page.seen("hello")["pages"] == ["history", "broken"]
+        tickets = ["", "guess", page.seen("control")["ticket"]]
+        assert [get(server, f"/pages/history?ticket={one}")[0].status for one in tickets] == [
+            403
+        ] * 3
+        page.log_in(TOKEN)
+        ticket = page.seen("control", lambda frame: frame["authenticated"])["ticket"]
+        response, content = get(server, f"/pages/history?ticket={ticket}")
+        assert (response.status, content) == (200, b"<p>6 welds</p>")
+        assert {name: response.getheader(name) for name in HEADERS} == HEADERS
+        assert get(server, f"/pages/broken?ticket={ticket}")[0].status == 404
+        assert get(server, f"/pages/other?ticket={ticket}")[0].status == 404
+    wait_until(lambda: get(server, f"/pages/history?ticket={ticket}")[0].status == 403, "the end")
+
+
 def test_page_that_is_out_of_date_is_told(server):
     with server.open(build="old") as page:
         assert page.receive() == {"t": "stale", "build": server.files.build}
@@ -150,7 +173,13 @@ def test_page_is_told_what_is_known_and_the_past_from_the_newest_on(server):
         assert page.frames["state"]["known"]
         assert page.frames["control"] == {
             **{"t": "control", "holder": None, "you": False, "request": None, "name": ""},
-            **{"authenticated": False, "may_stop": True, "note": "", "note_code": ""},
+            **{
+                "authenticated": False,
+                "ticket": "",
+                "may_stop": True,
+                "note": "",
+                "note_code": "",
+            },
         }
         assert page.until("beat")["tick_age_s"] >= 0.0
 

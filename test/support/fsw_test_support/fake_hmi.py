@@ -132,6 +132,7 @@ class FakeHmi:
         self.refusals: dict[str, str] = {}  #: request -> reason
         self.mute: set[str] = set()  #: requests that get no answer on their connection
         self.requests: list[dict[str, Any]] = []
+        self.pages: list[str] = []  #: of other distributions
         self.state = _state()
         self.progress: dict[str, Any] | None = _progress()
         self.start_s = time.time() - 600.0
@@ -388,6 +389,7 @@ class FakeHmi:
             "session": session,
             "login": self._room.login,
             "columns": COLUMNS,
+            "pages": self.pages,
             "limits": LIMITS,
             "reference": reference(_INTERLOCKS),
         }

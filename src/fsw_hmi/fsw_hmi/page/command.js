@@ -1,5 +1,5 @@
 // What an operator can do: log in, take control, command. Every request shows pending and then its answer.
-import { byId, el, panel, setText } from "./dom.js";
+import { byId, el, panel, renew, setText } from "./dom.js";
 import { choiceField, closeForm, notice, numberField, openForm, selectField, textField } from "./dialog.js";
 import { words } from "./format.js";
 import { resume, setPoints } from "./set_points.js";
@@ -39,12 +39,13 @@ export class Commands {
     this.takeButton = button("Take control", () => this.takeControl());
     this.requestButton = button("Ask for control", () => this.ask("Ask for control", "request_control"));
     this.withdrawButton = button("Withdraw request", () => this.ask("Withdraw request", "withdraw_request"));
+    this.pages = el("span");
     this.releaseButton = button("Release control", () => this.ask("Release control", "release_control"));
     const access = el("div", { className: "buttons" }, this.logInButton, this.takeButton, this.requestButton, this.withdrawButton, this.releaseButton);
     this.acting = [button("Set-points", () => setPoints(page, this.ask)), button("Controller", () => this.switchController()), button("Mode", () => this.changeMode())];
     this.welding = [button("Hold weld", () => this.weld("hold")), button("Resume weld", () => resume(page, () => this.weld("resume"))), button("Abort weld", () => this.abort())];
     this.acknowledgeStop = button("Acknowledge stop", () => this.ask("Acknowledge the safe stop", "acknowledge_stop"));
-    const acting = el("div", { className: "acting" }, ...this.acting, ...this.welding, this.acknowledgeStop);
+    const acting = el("div", { className: "acting" }, ...this.acting, ...this.welding, this.acknowledgeStop, this.pages);
     this.root = panel("commands", "Commands", this.control, access, acting);
     document.addEventListener("keydown", (event) => {
       if (!event.ctrlKey || event.key !== ".") return;
@@ -115,9 +116,22 @@ export class Commands {
     this.requestButton.hidden = !authenticated || you || mayTake || Boolean(request?.you);
     this.withdrawButton.hidden = !request?.you;
     this.releaseButton.hidden = !you;
+    this.#showPages(control.ticket);
     permit([this.logInButton, this.takeButton, this.withdrawButton, this.releaseButton], live ? "" : "Not connected.");
     permit([this.requestButton], !live ? "Not connected." : request ? `${request.name} has asked for it already.` : "");
     this.#showRequest(live && you ? request : null, leftS);
+  }
+
+  /** Pages of other distributions, for a user. @param {string} ticket by which the server gives them */
+  #showPages(ticket) {
+    this.pages.hidden = !ticket;
+    renew(this.pages, ticket, () =>
+      (this.page.hello?.pages ?? []).map((name) =>
+        button(`${name[0].toUpperCase()}${name.slice(1)}`, () => {
+          open(`pages/${encodeURIComponent(name)}?ticket=${ticket}`, "_blank", "noopener");
+        }),
+      ),
+    );
   }
 
   /** @param {Control["request"]} request @param {number} leftS */

@@ -14,7 +14,7 @@ import { Store } from "./store.js";
 import { Veil } from "./veil.js";
 import { WeldMap } from "./weld_map.js";
 
-/** @type {Control} */ const NOBODY = { t: "control", holder: null, you: false, request: null, name: "", authenticated: false, may_stop: false, note: "", note_code: "" };
+/** @type {Control} */ const NOBODY = { t: "control", holder: null, you: false, request: null, name: "", authenticated: false, ticket: "", may_stop: false, note: "", note_code: "" };
 /** @type {State} */ const UNKNOWN = { t: "state", known: false, known_heat_share: null, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", cause: 0, by: "", stop_cause: 0, acknowledged: false, standby: false, controllers: [], interlocks: [] };
 
 /** No ticks for longer than this: the values on the page are old. */
