@@ -13,9 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from fsw_control.coded import Fact, RefusedError
 from fsw_control.journal import RequestKind
 from fsw_control.schema.models import InputError, json_content_of
-from fsw_hmi import security
 from fsw_hmi.answers import DONE, REFUSED, Answer, Code, Loss, Note, invalid
 from fsw_hmi.control import Control, Login, Session
+from fsw_hmi.gate import client_of, is_loopback
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, Users, checked_name
 
@@ -99,7 +99,7 @@ class ControlRoom:
 
     def join(self, address: str = "", resume: str = "") -> Session:
         """A page was opened by a browser at this address, or connects again with its token."""
-        client = security.client_of(address)
+        client = client_of(address)
         session = self._sessions.get(resume)
         if session is not None and session.client == client:
             session.lost_s = None
@@ -107,7 +107,7 @@ class ControlRoom:
         numbers = {other.id for other in self._sessions.values()}
         while (number := secrets.token_hex(3)) in numbers:
             pass
-        local_stop = self._local_stop and security.is_loopback(address)
+        local_stop = self._local_stop and is_loopback(address)
         token = secrets.token_urlsafe(16)
         self._sessions[token] = session = Session(number, client, local_stop, token)
         return session

@@ -41,6 +41,7 @@ from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.headline import headline
 from fsw_hmi.limits import (
     PARAMETERS,
+    StopProgress,
     limits,
     outside_now,
     reference,
@@ -49,13 +50,11 @@ from fsw_hmi.limits import (
 )
 from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.orders_ros import Orders
-from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
 from fsw_hmi.requests import Acknowledge, SafeStop, Shelve, Unshelve
-from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.watch_ros import Watch
-from fsw_hmi.web import LivePage
+from fsw_hmi.web import LivePage, PageFiles
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen, tls_context
 from fsw_hmi.weld_view import Row
 from fsw_msgs.msg import OperatorAction

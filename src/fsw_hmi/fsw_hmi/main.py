@@ -56,7 +56,7 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f"hmi: {EXTRA.absence}", file=sys.stderr)
         return 2
     if parsed.bag:
-        from fsw_hmi.bag_app import serve
+        from fsw_hmi.bag_view import serve
 
         tls = parsed.tls_cert or "", parsed.tls_key or ""
         return serve(parsed.bag, parsed.host, parsed.port, parsed.allow_hosts or [], tls)

@@ -14,7 +14,6 @@ from rclpy.task import Future
 from fsw_control import messages_ros as convert
 from fsw_control.contract import SAFE_STOP
 from fsw_hmi.answers import DONE, REFUSED, Answer, Code
-from fsw_hmi.awake import Awake
 from fsw_hmi.requests import (
     AcknowledgeStop,
     Action,
@@ -24,6 +23,7 @@ from fsw_hmi.requests import (
     SetReference,
     Switch,
 )
+from fsw_hmi.weld_view import Awake
 from fsw_msgs import srv
 
 #: a safe stop that is not answered is asked for again, and longer than a person waits for the

@@ -35,9 +35,8 @@ from fsw_hmi.alarm_rules import (
     Situation,
     standby_ready,
 )
-from fsw_hmi.awake import Awake
 from fsw_hmi.frames import COLUMNS, heat_band, readable, short
-from fsw_hmi.weld_view import Row, WeldView
+from fsw_hmi.weld_view import Awake, Row, WeldView
 from fsw_msgs.msg import (
     ControllerHealth,
     ControllerStatus,

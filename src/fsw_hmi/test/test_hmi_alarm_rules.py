@@ -11,11 +11,11 @@ from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import NO_REASON, AlarmRules, Part, Situation
 from fsw_hmi.alarm_texts import TEXTS, flood
 from fsw_hmi.alarms import RANK, Alarm, AlarmList
-from fsw_hmi.awake import Awake
 from fsw_hmi.frames import readable
 from fsw_hmi.limits import limits
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.requests import Acknowledge
+from fsw_hmi.weld_view import Awake
 from fsw_test_support.hmi_situation import (
     GOOD,
     controller,

@@ -6,9 +6,9 @@ import pytest
 from rclpy.task import Future
 
 from fsw_hmi import orders_ros
-from fsw_hmi.awake import Awake
 from fsw_hmi.orders_ros import Orders
 from fsw_hmi.requests import SetReference
+from fsw_hmi.weld_view import Awake
 from fsw_msgs.srv import SetReference as Service
 
 PATIENCE_S = 3.0

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from fsw_control.schema.errors import InputError
-from fsw_hmi.page_files import PageFiles
-from fsw_hmi.security import HEADERS
+from fsw_hmi.gate import HEADERS
+from fsw_hmi.web import PageFiles
 from fsw_hmi.web_server import listen
 from fsw_test_support.waiting import wait_until
 

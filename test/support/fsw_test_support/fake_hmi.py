@@ -35,10 +35,9 @@ from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.frames import COLUMNS
+from fsw_hmi.gate import Security
 from fsw_hmi.headline import headline
-from fsw_hmi.limits import limits, outside_now, reference, worst
-from fsw_hmi.security import Security
-from fsw_hmi.stop_progress import StopProgress
+from fsw_hmi.limits import StopProgress, limits, outside_now, reference, worst
 from fsw_hmi.users import Users
 from fsw_test_support.machine import free_port
 from fsw_test_support.waiting import wait_until
