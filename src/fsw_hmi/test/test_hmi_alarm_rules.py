@@ -9,8 +9,7 @@ from fsw_control.depth_channels import ChannelHealth
 from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import NO_REASON, AlarmRules, Part, Situation
-from fsw_hmi.alarm_texts import TEXTS, flood
-from fsw_hmi.alarms import RANK, Alarm, AlarmList
+from fsw_hmi.alarms import RANK, TEXTS, Alarm, AlarmList, flood
 from fsw_hmi.frames import readable
 from fsw_hmi.limits import limits
 from fsw_hmi.parameters import HmiParameters
