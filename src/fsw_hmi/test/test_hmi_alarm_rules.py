@@ -318,7 +318,7 @@ def test_interlock_that_trips_with_the_safe_stop_is_the_first(rules):
         interlocks=[lock("depth_high", "trip")],
     )
     alarms.update(rules.present(situation(state=tripped), 0.0), 0.0)
-    assert alarms.entries["safe_stop"].first == "Shoulder too deep: tripped"
+    assert alarms.entries["safe_stop"].first == alarms.entries["interlock:depth_high"].alarm.text
 
 
 def test_a_stop_by_an_interlock_names_it_as_people_do(rules):
