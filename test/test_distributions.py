@@ -27,6 +27,7 @@ GROUPS = (
     "fsw.nodes",
     "fsw.controllers",
     "fsw.processes",
+    "fsw.pages",
     "fsw.record_hooks",
     "fsw.schemas",
     "fsw.api",

@@ -20,7 +20,7 @@ _WORD = re.compile(r"[^\W\d_]+(?:['’-][^\W\d_]+)*")
 MOST = {
     "src/fsw_analysis": 2,
     "src/fsw_control": 3,
-    "src/fsw_hmi": 12,
+    "src/fsw_hmi": 5,
     "src/fsw_supervisor": 1,
     "test": 2,
 }

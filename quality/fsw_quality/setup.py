@@ -24,6 +24,7 @@ setup(
             "record = fsw_quality.commands.record_command",
         ],
         "fsw.nodes": ["monitor = fsw_quality.monitor_node:main"],
+        "fsw.pages": ["history = fsw_quality.record_hook:history_page"],
         "fsw.record_hooks": ["record = fsw_quality.record_hook:command"],
         "fsw.api": ["record = fsw_quality.api:record"],
         "fsw.schemas": [

@@ -82,8 +82,13 @@ def test_control_is_asked_for_and_handed_over(fake, person):
     assert asked == ["take control", "request control", "hand over control"]
 
 
-def test_request_is_refused_and_withdrawn(fake, person):
+def test_request_is_refused_and_withdrawn_and_users_have_further_pages(fake, person):
+    fake.pages = ["history"]
     otto, olga = person(fake, "otto"), person(fake, "olga")
+    with olga.context.expect_page() as opened:
+        press(olga, "History")
+    assert "/pages/history?ticket=" in opened.value.url
+    opened.value.close()
     press(otto, "Take control")
     press(olga, "Ask for control")
     press(otto, "Keep control")

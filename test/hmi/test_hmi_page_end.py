@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import expect
 
 from fsw_hmi.alarm_rules import Situation
-from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
+from fsw_hmi.alarms import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.headline import headline
 from fsw_test_support.browser import shot
 from fsw_test_support.page_steps import ready

@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from fsw_test_support.browser import shot
-from fsw_test_support.page_steps import in_control, ready
+from fsw_test_support.page_steps import in_control, press, ready
 from fsw_test_support.staged import STAGED, page_of
 
 #: one of each kind: an alarm of a weld that runs, one without measurements, a stop
@@ -33,12 +33,19 @@ def test_headline_and_open_alarm_show_cause_and_action(fake, open_page, name):
     shot(page, f"staged_{name.replace(' ', '_')}")
 
 
-def test_lost_connection_says_what_to_do_and_the_resumed_session_has_its_control(fake, open_page):
+def test_lost_connection_says_what_to_do_and_the_resumed_session_has_control_and_answer(
+    fake, open_page
+):
     page = ready(open_page(fake.url))
     in_control(page)
+    fake.mute = {"weld"}
+    press(page, "Hold weld")
+    answer = page.locator("#actions .answer")
+    expect(answer).to_have_attribute("data-outcome", "pending")
     fake.cut()
     expect(page.locator("#verdict")).to_have_attribute("data-level", "high")
     expect(page.locator("#verdict .detail")).to_contain_text("→")
     fake.silent = False
     ready(page)
+    expect(answer).to_have_attribute("data-outcome", "done")
     expect(page.get_by_role("button", name="Release control")).to_be_enabled()

@@ -18,6 +18,7 @@ pytest.importorskip("pyarrow")
 
 import pyarrow as pa
 
+from fsw_control.schema.extensions import all_loaded
 from fsw_control.schema.models import InputError
 from fsw_quality import control_charts, history, history_report
 from fsw_quality.diagnosis import Finding, WatchCause
@@ -417,3 +418,8 @@ def test_the_report_has_what_stands_out(tmp_path: Path) -> None:
         and "worn (50 N·m more) after" in text
         and "data:image/png;base64" in text
     )
+    page = all_loaded("fsw.pages")["history"]
+    shown = page(tmp_path)  # where no style of its own is permitted
+    assert "&lt;Ada&gt;" in shown and "<style" not in shown and "../page/report.css" in shown
+    with pytest.raises(InputError):
+        page(tmp_path / "none")

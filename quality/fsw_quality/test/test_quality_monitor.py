@@ -16,7 +16,7 @@ from fsw_control.coded import Coded
 from fsw_control.schema.models import InputError
 from fsw_control.sensors import REQUIRED
 from fsw_control.weld import SPEED_RPM
-from fsw_hmi.alarm_texts import ACTIONS
+from fsw_hmi.alarms import ACTIONS
 from fsw_model import ModelParameters, ParameterCovariance, equations
 from fsw_quality.diagnosis import Estimate, Finding, NotJudged, WatchCause
 from fsw_quality.likelihood import (

@@ -350,23 +350,24 @@ def set_reference_request(
 
 
 def switch_request(
-    controller: str, wait_s: float, strict: bool = False
+    controller: str, wait_s: float, strict: bool = False, who: str = ""
 ) -> SwitchController.Request:
     """Request to switch the controller; ``wait_s`` is how long it may take to be ready."""
     kind, seconds = SwitchController.Request, int(wait_s)
     timeout = Duration(sec=seconds, nanosec=round((wait_s - seconds) * 1e9))
     strictness = kind.STRICT if strict else kind.BEST_EFFORT
-    return kind(name=controller, strictness=strictness, timeout=timeout)
+    return kind(name=controller, strictness=strictness, timeout=timeout, who=who)
 
 
 def mode_request(
-    mode: str, force_kn: float | None = None, speed_rpm: float | None = None
+    mode: str, force_kn: float | None = None, speed_rpm: float | None = None, who: str = ""
 ) -> SetMode.Request:
-    """Request for a mode; force and speed are for ``manual``."""
+    """Request for a mode by an operator; force and speed are for ``manual``."""
     return SetMode.Request(
         mode=mode,
         axial_force=nan if force_kn is None else units.n_from_kn(force_kn),
         spindle_speed=nan if speed_rpm is None else units.rad_s_from_rpm(speed_rpm),
+        who=who,
     )
 
 

@@ -12,8 +12,7 @@ from fsw_control import messages_ros as convert
 from fsw_control.cause import AlarmChange
 from fsw_control.topics_ros import LATCHED
 from fsw_hmi.alarm_rules import AlarmRules
-from fsw_hmi.alarm_texts import flood
-from fsw_hmi.alarms import AlarmList, Entry
+from fsw_hmi.alarms import AlarmList, Entry, flood
 from fsw_hmi.answers import Answer, Code
 from fsw_hmi.requests import Acknowledge, Shelve, Unshelve
 from fsw_hmi.watch_ros import Watch

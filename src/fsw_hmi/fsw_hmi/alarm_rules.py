@@ -1,4 +1,4 @@
-"""When there is an alarm; what it says is in ``alarm_texts``."""
+"""When there is an alarm; what it says is in ``alarms.yaml``."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from fsw_control.ranges import out_of_reach, wants_heat
 from fsw_control.reason import Lack, Readiness
 from fsw_control.sensors import OPTIONAL, REQUIRED
 from fsw_control.stop import StopCause
-from fsw_hmi.alarm_texts import (
+from fsw_hmi.alarms import (
     ACTIONS,
+    STOP_ID,
     TEXTS,
+    Alarm,
     alarm,
     of_errors,
     of_interlock,
     of_limit,
     tripped,
 )
-from fsw_hmi.alarms import STOP_ID, Alarm
 from fsw_hmi.limits import Flag
 from fsw_recorder.recording import Note
 

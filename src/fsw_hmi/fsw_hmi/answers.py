@@ -78,8 +78,6 @@ class Code(Worded):
     )
     NOT_ASKED = "the {service} could not be asked: {error}"
     SERVICE = "{message}"
-    ABORTED = "the weld is aborted"
-    NO_WELD = "no weld is under way that could be aborted"
     # alarms
     ACKNOWLEDGED = "{count} acknowledged"
     SHELVED = "shelved"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -14,6 +15,8 @@ from fsw_hmi.answers import Answer, Code, Note
 _LAPSE_S = 60.0
 #: requests of a session in any second; safe stops do not count
 _MOST_REQUESTS = 10
+#: answers that a page may have missed when its connection was lost
+_ANSWERS = 50
 
 
 class Login(NamedTuple):
@@ -33,6 +36,8 @@ class Session:
     client: str = ""  #: that limits count
     local_stop: bool = False  #: whether it may stop without login
     token: str = ""  #: by which its page resumes it after its connection was lost
+    #: by which a browser gets further pages once a user has logged in
+    ticket: str = field(default_factory=lambda: secrets.token_urlsafe(16))
     lost_s: float | None = None  #: when the connection was lost; None while it stands
     name: str = ""  #: of the person; empty before the login
     note: Fact | None = None  #: what happened to its control, for its page
@@ -40,6 +45,8 @@ class Session:
     login: Login | None = None
     wrong: int = 0  #: passwords so far
     offences: int = 0
+    #: the last frames with answers: a page that resumes the session may have missed them
+    answers: deque[str] = field(default_factory=lambda: deque(maxlen=_ANSWERS))
     asked_s: deque[float] = field(default_factory=lambda: deque(maxlen=_MOST_REQUESTS))
 
     def may_ask(self, now_s: float) -> bool:

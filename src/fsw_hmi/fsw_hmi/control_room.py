@@ -13,9 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from fsw_control.cause import RequestKind
 from fsw_control.coded import Fact, RefusedError
 from fsw_control.schema.models import InputError, json_content_of
-from fsw_hmi import security
 from fsw_hmi.answers import DONE, REFUSED, Answer, Code, Loss, Note, invalid
 from fsw_hmi.control import Control, Login, Session
+from fsw_hmi.gate import client_of, is_loopback
 from fsw_hmi.requests import ACTIONS, Action, SafeStop, read
 from fsw_hmi.users import LONGEST, Users, checked_name
 
@@ -82,7 +82,7 @@ class ControlRoom:
         self._users, self._local_stop = users, local_stop
         # wrong logins by client: how many, and when one was recorded last
         self._wrong: dict[str, tuple[int, float]] = {}
-        self._longest_first = False  # the next login to be checked has waited for longest
+        self._checks = 0  # of passwords so far
         self._sessions: dict[str, Session] = {}  # by token, in the order of opening
         # a name that came with a password proves who it is
         self._control = Control(handover_timeout_s, users.kind == "password")
@@ -99,7 +99,7 @@ class ControlRoom:
 
     def join(self, address: str = "", resume: str = "") -> Session:
         """A page was opened by a browser at this address, or connects again with its token."""
-        client = security.client_of(address)
+        client = client_of(address)
         session = self._sessions.get(resume)
         if session is not None and session.client == client:
             session.lost_s = None
@@ -107,10 +107,17 @@ class ControlRoom:
         numbers = {other.id for other in self._sessions.values()}
         while (number := secrets.token_hex(3)) in numbers:
             pass
-        local_stop = self._local_stop and security.is_loopback(address)
+        local_stop = self._local_stop and is_loopback(address)
         token = secrets.token_urlsafe(16)
         self._sessions[token] = session = Session(number, client, local_stop, token)
         return session
+
+    def admits(self, ticket: str) -> bool:
+        """Whether a ticket is that of a session in which a user has logged in."""
+        return any(
+            other.name and secrets.compare_digest(other.ticket.encode(), ticket.encode())
+            for other in self._sessions.values()
+        )
 
     def lose(self, session: Session, now_s: float) -> None:
         """The connection of a page was lost; for a short time it may resume its session."""
@@ -156,6 +163,7 @@ class ControlRoom:
         return self._control.shown(session, now_s) | {
             "name": session.name,
             "authenticated": bool(session.name),
+            "ticket": session.ticket if session.name else "",
             "may_stop": session.may_stop,
             "note": note.words if note else "",
             "note_code": str(note.code) if note else "",
@@ -226,8 +234,9 @@ class ControlRoom:
         """The open page whose password is to be checked next; None if none waits.
 
         Alternates between the oldest waiting login, so that nobody waits for ever, and the one
-        with the fewest failed attempts, by client, then page. Of clients without a failed one the
-        newest login comes first, as it may be that of an operator among many that begin to guess.
+        with the fewest failed attempts, by client, then page. Of equal ones the newest comes
+        first, as it may be that of an operator among many that begin to guess; where the client
+        has failed attempts, every second time the oldest: guessers may connect again.
         """
         waiting = sorted(
             (session.login.asked_s, place, session)
@@ -235,12 +244,13 @@ class ControlRoom:
             if session.login and session.lost_s is None
         )
         pages = [session for _, _, session in waiting]
-        if self._longest_first or not pages:
+        if self._checks % 2 or not pages:
             return pages[0] if pages else None
+        newest = self._checks % 4 == 2
 
         def turn(place: int) -> tuple[int, int, int]:
             count, _ = self._wrong.get(pages[place].client, _NONE_WRONG)
-            return count, pages[place].wrong, place if count else -place
+            return count, pages[place].wrong, -place if newest or not count else place
 
         return pages[min(range(len(pages)), key=turn)]
 
@@ -255,7 +265,7 @@ class ControlRoom:
         None: it could not be checked.
         """
         login, session.login = session.login, None
-        self._longest_first = not self._longest_first
+        self._checks += 1
         assert login is not None
         return self._signed(self._judge_login(session, login, user, now_s), session, login.id)
 

@@ -13,6 +13,7 @@ export default [
       eqeqeq: "error",
       "no-eval": "error",
       "no-implied-eval": "error",
+      "max-len": ["error", { code: 99, ignoreUrls: true, ignoreStrings: true, ignoreTemplateLiterals: true }],
       "no-var": "error",
       "prefer-const": "error",
       "no-restricted-properties": ["error", ...["innerHTML", "outerHTML", "insertAdjacentHTML"].map((property) => ({ property, message: "Texts of others must stay texts." }))],

@@ -13,7 +13,7 @@ from typing import Any
 from fsw_analysis.course import OVER
 from fsw_analysis.rules import VARIABLES
 from fsw_hmi.alarm_rules import DONE, NO_REPORT_S, Situation, next_in_stop
-from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
+from fsw_hmi.alarms import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.limits import worst
 from fsw_hmi.recording import RecordingState
 

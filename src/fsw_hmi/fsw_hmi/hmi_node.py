@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from math import nan
 from pathlib import Path
@@ -26,6 +26,7 @@ from fsw_analysis.rule_book import RuleBook, default
 from fsw_control import messages_ros as convert
 from fsw_control.light_node_ros import LightNode
 from fsw_control.parameters_ros import ParameterValues
+from fsw_control.schema.extensions import all_loaded
 from fsw_control.schema.files import write_status
 from fsw_control.schema.models import content_of, read_text, validate
 from fsw_control.stop import StopCause, StopRegister
@@ -40,6 +41,7 @@ from fsw_hmi.frames import frame, readable, row
 from fsw_hmi.headline import headline
 from fsw_hmi.limits import (
     PARAMETERS,
+    StopProgress,
     limits,
     outside_now,
     reference,
@@ -48,13 +50,11 @@ from fsw_hmi.limits import (
 )
 from fsw_hmi.live_weld import LiveWeld
 from fsw_hmi.orders_ros import Orders
-from fsw_hmi.page_files import PageFiles
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.recording import Recording
 from fsw_hmi.requests import Acknowledge, SafeStop, Shelve, Unshelve
-from fsw_hmi.stop_progress import StopProgress
 from fsw_hmi.watch_ros import Watch
-from fsw_hmi.web import LivePage
+from fsw_hmi.web import LivePage, PageFiles
 from fsw_hmi.web_server import WebThread, address, application, is_local, listen, tls_context
 from fsw_hmi.weld_view import Row
 from fsw_msgs.msg import OperatorAction
@@ -101,12 +101,13 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         self._stopping, self._recording = StopProgress(), Recording()
         self._headline: dict[str, str] = {}
         self._account: dict[str, Any] | None = None
-        self._orders = Orders(self)
+        self._orders = Orders(self, self._watch.awake)
         self._register = StopRegister()
         self._stop = StopHolder(self, self._register, self._register.merge)
         self._wake = self.create_guard_condition(self._on_orders)
         self._room = ControlRoom(known, values["local_stop"], values["handover_timeout_s"])
-        self._page = LivePage(files, self._room, self._deliver, listening.gate.touch)
+        pages = pages_of(values["pages_folder"])
+        self._page = LivePage(files, self._room, self._deliver, listening.gate.touch, pages)
         hosts = values["host"], *values["allow_hosts"]
         app = application(self._page.routes(), hosts, listening.gate)
         self._web = WebThread(self._page, app, listening, encrypted)
@@ -145,8 +146,9 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
             self._weld.forget()
             self._recording = Recording()
             self._watch.progress = None  # of the weld before; a programme reports every second
-        if self._watch.progress is not None:
-            self._weld.on_progress(self._watch.progress)
+        if self._watch.progress is not None and self._weld.on_progress(self._watch.progress):
+            self._account = None
+            self._web.call(partial(self._page.withdraw, "account"))
         now = self._watch.now
         if now.state is not None:
             self._weld.on_state(now.leader, now.state)
@@ -184,8 +186,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
     # ---------------------------------------------------------------- now and then
 
     def _look(self) -> None:
-        self._orders.look()
         self._watch.look()
+        self._orders.look()  # after it has noted how long this process stood still
         self._watch.now.stop_waits = self._register.stopped
         if self._desk.judge():
             self._show("alarms", self._desk.frame())
@@ -249,7 +251,8 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
                     StopCause.OPERATOR, order.who, self.get_clock().now().nanoseconds
                 )
                 self._stop.look()
-            self._orders.carry_out(action, answer, self._settings["request_timeout_s"])
+            timeout_s = self._settings["request_timeout_s"]
+            self._orders.carry_out(action, order.who, answer, timeout_s)
 
     def _answer(self, order: Order, answer: Answer) -> None:
         answer = answer._replace(message=readable(answer.message))
@@ -263,6 +266,12 @@ class HmiNode(LightNode, Node):  # type: ignore[misc]  # rclpy has no types ever
         header = convert.header(int(self.get_clock().now().nanoseconds))
         more = {"holder": order.holder, "kind": int(order.kind)}
         self._actions.publish(OperatorAction(header=header, **more, **done))
+
+
+def pages_of(folder: str) -> dict[str, Callable[[], str]]:
+    """Pages that other distributions make from a folder; InputError if one is broken."""
+    makers = all_loaded("fsw.pages") if folder else {}
+    return {name: partial(make, Path(folder).expanduser()) for name, make in makers.items()}
 
 
 def book_of(file: str) -> RuleBook:

@@ -54,16 +54,17 @@ class LiveWeld:
         interlocks = tuple((lock["name"], lock["level"]) for lock in state["interlocks"])
         self._state = controller, mode, leader, interlocks, *rest
 
-    def on_progress(self, progress: Mapping[str, Any]) -> None:
-        """Take what the programme reports."""
+    def on_progress(self, progress: Mapping[str, Any]) -> bool:
+        """Take what the programme reports; returns whether another weld begins by it."""
         before, self._progress = self._progress, progress
         begins = before is None or (before["state"] in OVER and progress["state"] not in OVER)
         if not begins:
-            return
+            return False
         self.forget()
         self._only_end = progress["state"] in OVER
         if progress["angle_deg"]:
             self._problems.append(_UNSEEN)
+        return True
 
     def add(self, row: Row, source: str) -> None:
         """Take a tick, with whose command answered it."""

@@ -18,7 +18,10 @@ from fsw_hmi.parameters import HmiParameters
 #: what serves the page; ROS 2 does not bring it
 EXTRA = Extra("fsw-control", "hmi", ("argon2", "starlette", "uvicorn", "websockets"))
 #: parameters of the node that are options, too
-_OPTIONS = ("host", "port", "token_file", "users_file", "tls_cert", "tls_key", "allow_hosts")
+_OPTIONS = (
+    *("host", "port", "token_file", "users_file", "tls_cert", "tls_key", "allow_hosts"),
+    "pages_folder",
+)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -53,7 +56,7 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f"hmi: {EXTRA.absence}", file=sys.stderr)
         return 2
     if parsed.bag:
-        from fsw_hmi.bag_app import serve
+        from fsw_hmi.bag_view import serve
 
         tls = parsed.tls_cert or "", parsed.tls_key or ""
         return serve(parsed.bag, parsed.host, parsed.port, parsed.allow_hosts or [], tls)

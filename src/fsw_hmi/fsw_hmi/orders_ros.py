@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from action_msgs.srv import CancelGoal
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
@@ -24,6 +23,7 @@ from fsw_hmi.requests import (
     SetReference,
     Switch,
 )
+from fsw_hmi.weld_view import Awake
 from fsw_msgs import srv
 
 #: a safe stop that is not answered is asked for again, and longer than a person waits for the
@@ -39,7 +39,8 @@ class _Call:
     offered_by: str
     request: Any
     answer: Callable[[Answer], object]
-    due_s: float
+    begun_s: float
+    patience_s: float
     repeat: bool
     asked_s: float = 0.0
     future: Any = None  # rclpy.task.Future
@@ -48,65 +49,70 @@ class _Call:
 
 
 class Orders:
-    """Carries out actions; call :meth:`look` often."""
+    """Carries out actions; call :meth:`look` often.
 
-    def __init__(self, node: Node) -> None:
+    An answer that came while this process stood still waits to be read: ``awake`` knows how long
+    that was.
+    """
+
+    def __init__(self, node: Node, awake: Awake) -> None:
         self._calls: list[_Call] = []
+        self._awake = awake
         self._set_reference = node.create_client(srv.SetReference, "fsw/set_reference")
         self._switch = node.create_client(srv.SwitchController, "fsw/switch_controller")
         self._set_mode = node.create_client(srv.SetMode, "fsw/set_mode")
         self._acknowledge = node.create_client(srv.OperatorRequest, "fsw/acknowledge")
         self._weld = {
             verb: node.create_client(srv.OperatorRequest, f"fsw/weld/{verb}")
-            for verb in ("hold", "resume")
+            for verb in ("hold", "resume", "abort")
         }
-        # by this service of every action, because the goal is another node's
-        self._cancel = node.create_client(CancelGoal, "fsw/run_weld/_action/cancel_goal")
 
     # ---------------------------------------------------------------- services
 
     def carry_out(
-        self, action: Action, answer: Callable[[Answer], object], timeout_s: float
+        self, action: Action, who: str, answer: Callable[[Answer], object], timeout_s: float
     ) -> None:
-        """Begin an action of the graph's services.
+        """Begin an action of the graph's services for an operator.
 
         ``answer`` gets what became of it; twice for a safe stop that is answered late.
         """
-        client, offered_by, request = self._request(action)
+        client, offered_by, request = self._request(action, who)
         repeat = isinstance(request, srv.SetMode.Request) and request.mode == SAFE_STOP
         wait_s = action.wait_s if isinstance(action, Switch) else 0.0
-        due_s = time.monotonic() + timeout_s + wait_s
-        self._calls.append(_Call(client, offered_by, request, answer, due_s, repeat))
+        patience_s = timeout_s + wait_s
+        call = _Call(client, offered_by, request, answer, time.monotonic(), patience_s, repeat)
+        self._calls.append(call)
         self.look()
 
-    def _request(self, action: Action) -> tuple[Client, str, Any]:
+    def _request(self, action: Action, who: str) -> tuple[Client, str, Any]:
         """Service of an action, the node that offers it, and the request."""
         match action:
             case SafeStop():
-                return self._set_mode, "supervisor", convert.mode_request(SAFE_STOP)
+                return self._set_mode, "supervisor", convert.mode_request(SAFE_STOP, who=who)
             case ChangeMode():
-                return self._set_mode, "supervisor", convert.mode_request(**dict(action))
+                return self._set_mode, "supervisor", convert.mode_request(**dict(action), who=who)
             case AcknowledgeStop():
-                return self._acknowledge, "supervisor", srv.OperatorRequest.Request()
+                return self._acknowledge, "supervisor", srv.OperatorRequest.Request(who=who)
             case Switch():
-                return self._switch, "supervisor", convert.switch_request(**dict(action))
+                request = convert.switch_request(**dict(action), who=who)
+                return self._switch, "supervisor", request
             case SetReference():
                 request = convert.set_reference_request(**dict(action))
                 return self._set_reference, "supervisor", request
-            case Programme(action="abort"):
-                return self._cancel, "programme", CancelGoal.Request()  # whichever goal there is
             case Programme():
-                return self._weld[action.action], "programme", srv.OperatorRequest.Request()
+                request = srv.OperatorRequest.Request(who=who)
+                return self._weld[action.action], "programme", request
         raise TypeError(f"{action!r} is not for the graph")
 
     def look(self) -> None:
         """Send requests whose service has appeared, and time out the others."""
         now_s = time.monotonic()
         for call in [*self._calls]:
-            if now_s >= call.due_s:
+            if self._awake.age_s(call.begun_s, now_s) >= call.patience_s:
                 service = call.offered_by
                 if call.repeat and not call.is_answered:
-                    call.is_answered, call.due_s = True, now_s + _REPEAT_FOR_S
+                    call.is_answered = True
+                    call.begun_s, call.patience_s = now_s, _REPEAT_FOR_S
                     code = Code.UNCONFIRMED if call.refused else Code.ASKED_AGAIN
                     call.answer(code.timed_out(service=service, wait_s=_REPEAT_FOR_S))
                 else:
@@ -152,7 +158,5 @@ class Orders:
 
 def _answer(response: Any) -> Answer:
     """Answer of a service."""
-    if isinstance(response, CancelGoal.Response):
-        return Code.ABORTED.done() if response.goals_canceling else Code.NO_WELD.refused()
     outcome, code = DONE if response.ok else REFUSED, response.code or Code.SERVICE
     return Answer(outcome, str(code), str(response.message))

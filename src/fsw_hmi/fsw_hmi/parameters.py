@@ -35,6 +35,9 @@ class HmiParameters(NodeParameters):
     this computer serves others."""
     allow_hosts: Annotated[Many[str], AT_START] = ()
     """Further names and addresses under which browsers ask for the page."""
+    pages_folder: Annotated[str, AT_START] = ""
+    """Folder that pages of other distributions show to users, as the history of welds; empty: no
+    such pages."""
     request_timeout_s: Annotated[float, Range(0.1, 60.0, "s")] = 3.0
     """Time for which the graph's answer to a request is waited for (chosen)."""
     procedure: Annotated[str, AT_START] = ""

@@ -45,6 +45,7 @@ interface Hello {
   server_s: number;
   login: "token" | "password";
   columns: string[];
+  pages: string[];
   limits: Limits;
   reference: Reference;
 }
@@ -110,6 +111,7 @@ interface Control {
   request: { name: string; session: string; left_s: number; you: boolean } | null;
   name: string;
   authenticated: boolean;
+  ticket: string;
   may_stop: boolean;
   note: string;
   note_code: string;

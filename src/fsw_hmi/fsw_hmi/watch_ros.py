@@ -35,9 +35,8 @@ from fsw_hmi.alarm_rules import (
     Situation,
     standby_ready,
 )
-from fsw_hmi.awake import Awake
 from fsw_hmi.frames import COLUMNS, heat_band, readable, short
-from fsw_hmi.weld_view import Row, WeldView
+from fsw_hmi.weld_view import Awake, Row, WeldView
 from fsw_msgs.msg import (
     ControllerHealth,
     ControllerStatus,
@@ -71,8 +70,9 @@ class Watch:
     controllers. So this node subscribes to the sensors only while it hears the drives, whose
     subscribers are not counted.
 
-    ``on_rows`` gets the rows that are over, and whether another weld has begun; ``show`` the kind
-    and the content of a frame, and of predictions whose it is.
+    ``on_rows`` gets the rows that are over, and whether time went back; it is called without rows
+    at a report of the programme. ``show`` gets the kind and the content of a frame, and of
+    predictions whose it is.
     """
 
     def __init__(
@@ -194,6 +194,7 @@ class Watch:
     def _on_progress(self, message: WeldProgress) -> None:
         self.progress, self.progress_s = _progress(message), time.monotonic()
         self.view.angle_deg = degrees(message.angle)
+        self._on_rows([], False)  # another weld may have begun
         self.show_progress()
 
     def show_progress(self) -> None:

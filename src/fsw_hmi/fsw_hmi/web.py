@@ -1,27 +1,76 @@
-"""Web application of the live page: requests of pages in, frames out."""
+"""Web application of the page: its files; on the live page, requests of pages in, frames out."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import hashlib
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
-from starlette.routing import BaseRoute, WebSocketRoute
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from fsw_control.coded import Fact
+from fsw_control.schema.errors import InputError
 from fsw_hmi.answers import Answer, Loss
+from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom, Order
 from fsw_hmi.frames import COLUMNS, frame
 from fsw_hmi.hub import History, Page
-from fsw_hmi.page_files import PageFiles
 from fsw_hmi.requests import SafeStop
+
+FOLDER = Path(__file__).with_name("page")
+#: what draws the trends; ``npm_packages.py`` gets it when the page is built
+_UPLOT = "uplot/uPlot.iife.min.js"
+
+
+class PageFiles:
+    """Routes of the page: ``/`` and ``/page/<file>``.
+
+    ``source`` is what the page shows, ``live`` or ``bag``; it learns this from ``{{source}}`` in
+    its index.html.
+
+    Raises
+    ------
+    ValueError
+        When there is no index.html.
+    """
+
+    def __init__(self, source: str, folder: Path = FOLDER) -> None:
+        index = folder / "index.html"
+        if not index.is_file():
+            raise ValueError(f"the page is missing: there is no {index}")
+        if not (folder / _UPLOT).is_file():
+            print("the page has no trends: it was built without uPlot", file=sys.stderr)
+        content = hashlib.sha256()
+        for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+            data = path.read_bytes()
+            content.update(f"{path.relative_to(folder)} {len(data)}\n".encode() + data)
+        #: identifies the server that an open page belongs to; in index.html for ``{{build}}``
+        self.build, self._folder = content.hexdigest()[:12], folder
+        text = index.read_text(encoding="utf-8").replace("{{build}}", self.build)
+        self._index = text.replace("{{source}}", source)
+
+    def routes(self) -> list[BaseRoute]:
+        """Routes of the application."""
+        return [Route("/", self._on_index), Mount("/page", StaticFiles(directory=self._folder))]
+
+    async def _on_index(self, _: Request) -> Response:
+        return HTMLResponse(self._index)
+
 
 #: kinds of frames that do not belong to one weld
 _LASTING = ("state", "alarms", "actions")
@@ -35,7 +84,8 @@ class LivePage:
     """The page over a running weld. All methods but the constructor belong to the server's loop.
 
     ``deliver`` takes an :class:`Order`, in the server's thread; ``touch`` address and port of a
-    page on which somebody has asked for something, and whether a user has logged in there.
+    page on which somebody has asked for something, and whether a user has logged in there;
+    ``pages`` the HTML of further pages, by name.
     """
 
     def __init__(
@@ -44,8 +94,10 @@ class LivePage:
         room: ControlRoom,
         deliver: Callable[[Order], None],
         touch: Callable[[Any, bool], None] = lambda _peer, _known: None,
+        pages: Mapping[str, Callable[[], str]] = MappingProxyType({}),
     ) -> None:
         self._files, self._room, self._deliver, self._touch = files, room, deliver, touch
+        self._further = pages
         # one thread: a flood of logins takes no more of the processor
         self._logins = ThreadPoolExecutor(1, "login", _step_back)
         self._checking: asyncio.Task[None] | None = None
@@ -58,7 +110,8 @@ class LivePage:
 
     def routes(self) -> list[BaseRoute]:
         """Routes of the application."""
-        return [*self._files.routes(), WebSocketRoute("/ws", self._on_open)]
+        further = Route("/pages/{name}", self._on_further)
+        return [*self._files.routes(), further, WebSocketRoute("/ws", self._on_open)]
 
     # ---------------------------------------------------------------- from the graph
 
@@ -88,6 +141,10 @@ class LivePage:
         for page in self._pages:
             page.show(kind, text)
 
+    def withdraw(self, kind: str) -> None:
+        """Show new pages no frame of this kind."""
+        self._latest.pop(kind, None)
+
     def beat(self) -> None:
         """Send a heartbeat to all pages; call several times a second."""
         self._look_at_control()
@@ -102,6 +159,17 @@ class LivePage:
         self._show_control()
 
     # ---------------------------------------------------------------- one page
+
+    async def _on_further(self, request: Request) -> Response:
+        make = self._further.get(request.path_params["name"])
+        if make is None:
+            return PlainTextResponse("there is no such page\n", 404)
+        if not self._room.admits(request.query_params.get("ticket", "")):
+            return PlainTextResponse("log in first\n", 403)
+        try:
+            return HTMLResponse(await run_in_threadpool(make))
+        except InputError as error:
+            return PlainTextResponse(f"{error}\n", 404)
 
     async def _on_open(self, socket: WebSocket) -> None:
         await socket.accept()
@@ -123,6 +191,8 @@ class LivePage:
             self._touch(page.peer, True)
         self._pages.add(page)
         self._begin(page)
+        for text in session.answers:  # it takes those that it waits for
+            page.answer(text)
         ends = _send(socket, page), self._listen(socket, page), page.given_up.wait()
         jobs = [asyncio.create_task(job) for job in ends]
         try:
@@ -151,6 +221,7 @@ class LivePage:
                 "resume": page.session.token,
                 "login": self._room.login,
                 "columns": COLUMNS,
+                "pages": [*self._further],
                 **self._hello,
             }
             page.session.known = {}
@@ -202,7 +273,7 @@ class LivePage:
             self._order(page, order.id, order)
             return
         if order.id is not None and order.answer.outcome:
-            page.answer(_answer(order.id, order.answer))
+            self._reply(page.session, order.id, order.answer)
         if order.asked:
             self._deliver(order)
 
@@ -217,10 +288,18 @@ class LivePage:
         def reply(answer: Answer) -> None:
             """Take the outcome; only the first one counts."""
             for number in ids:
-                page.answer(_answer(number, answer))
+                self._reply(page.session, number, answer)
             ids.clear()
 
         self._deliver(replace(order, reply=reply))
+
+    def _reply(self, session: Session, request: int, answer: Answer) -> None:
+        """Answer a request, on whichever connection its page has now or resumes its session."""
+        text = _answer(request, answer)
+        session.answers.append(text)
+        for page in self._pages:
+            if page.session is session:
+                page.answer(text)
 
     def _show_control(self) -> None:
         """Send changes of control to the pages that they concern."""

@@ -19,8 +19,7 @@ from starlette.routing import BaseRoute
 from starlette.types import ASGIApp
 
 from fsw_control.schema.files import read_private
-from fsw_hmi.gate import Gate
-from fsw_hmi.security import Security, is_loopback
+from fsw_hmi.gate import Gate, Security, is_loopback
 from fsw_hmi.web import LivePage
 
 #: names of this computer for itself
@@ -44,9 +43,9 @@ class Listening(socket.socket):
 
     def accept(self) -> tuple[socket.socket, Any]:
         """Accept a connection; the gate may close it, or another one in its place."""
-        one, peer = super().accept()
-        self.gate.admit(peer[:2], one, time.monotonic())
-        return one, peer
+        connection, peer = super().accept()
+        self.gate.admit(peer[:2], connection, time.monotonic())
+        return connection, peer
 
 
 def listen(host: str, port: int, patience_s: float = _PATIENCE_S) -> Listening:

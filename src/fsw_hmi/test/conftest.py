@@ -12,9 +12,8 @@ from argon2 import PasswordHasher
 from fsw_hmi.answers import Answer
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.gate import Gate
-from fsw_hmi.page_files import PageFiles
 from fsw_hmi.users import Users
-from fsw_hmi.web import LivePage
+from fsw_hmi.web import LivePage, PageFiles
 from fsw_hmi.web_server import WebThread, address, application, listen
 from fsw_test_support.page_client import Page
 from fsw_test_support.ros_graph import domain_id

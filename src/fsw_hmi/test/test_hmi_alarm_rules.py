@@ -9,13 +9,12 @@ from fsw_control.depth_channels import ChannelHealth
 from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import NO_REASON, AlarmRules, Part, Situation
-from fsw_hmi.alarm_texts import TEXTS, flood
-from fsw_hmi.alarms import RANK, Alarm, AlarmList
-from fsw_hmi.awake import Awake
+from fsw_hmi.alarms import RANK, TEXTS, Alarm, AlarmList, flood
 from fsw_hmi.frames import readable
 from fsw_hmi.limits import limits
 from fsw_hmi.parameters import HmiParameters
 from fsw_hmi.requests import Acknowledge
+from fsw_hmi.weld_view import Awake
 from fsw_test_support.hmi_situation import (
     GOOD,
     controller,
@@ -319,7 +318,7 @@ def test_interlock_that_trips_with_the_safe_stop_is_the_first(rules):
         interlocks=[lock("depth_high", "trip")],
     )
     alarms.update(rules.present(situation(state=tripped), 0.0), 0.0)
-    assert alarms.entries["safe_stop"].first == "Shoulder too deep: tripped"
+    assert alarms.entries["safe_stop"].first == alarms.entries["interlock:depth_high"].alarm.text
 
 
 def test_a_stop_by_an_interlock_names_it_as_people_do(rules):

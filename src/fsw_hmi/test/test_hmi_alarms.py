@@ -48,7 +48,7 @@ class Desk:
         return self.list.acknowledge(names, "anna")
 
     def shelve(self, name, minutes=1.0):
-        return self.list.shelve(name, minutes, "anna", "it is known", self.now_s)
+        return self.list.shelve(name, minutes, "anna", "known", self.now_s)
 
     def note(self, name, kind, entry, who="", *_):
         self.events.append((name, kind.word, entry.count, who))
@@ -221,7 +221,7 @@ def test_shelved_alarm_is_back_when_its_time_is_over(desk):
     assert (row["state"], row["shelved_until_s"], row["shelved"]) == (
         "shelved",
         WALL_S + 120,
-        "anna: it is known",
+        "anna: known",
     )
     assert desk.acknowledge("a") == 0
     desk.update(10.0, a=MEDIUM)

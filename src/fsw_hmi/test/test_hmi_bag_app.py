@@ -20,12 +20,11 @@ pytest.importorskip(
     "starlette", reason="starlette is not installed: pip install -r requirements/hmi.lock"
 )
 
-from fsw_hmi import bag_app
-from fsw_hmi.bag_app import routes
-from fsw_hmi.bag_view import load
+from fsw_hmi import bag_view
+from fsw_hmi.bag_view import load, routes
 from fsw_hmi.gate import Gate
 from fsw_hmi.main import main
-from fsw_hmi.page_files import PageFiles
+from fsw_hmi.web import PageFiles
 from fsw_hmi.web_server import application
 from fsw_test_support.sample_weld import write_sample_weld
 
@@ -114,7 +113,7 @@ def test_bad_arguments_are_one_line(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(bag_app, "PageFiles", lambda _: page)
+    monkeypatch.setattr(bag_view, "PageFiles", lambda _: page)
     write_sample_weld(tmp_path / "weld", 20)
     weld = ["--bag", str(tmp_path / "weld")]
     for arguments, complaint in (
@@ -133,8 +132,8 @@ def served(tmp_path: Path, page: PageFiles) -> Iterator[subprocess.Popen[str]]:
     write_sample_weld(tmp_path / "weld", 20)
     source = f"""
 import functools, pathlib, sys
-from fsw_hmi import bag_app, main
-bag_app.PageFiles = functools.partial(bag_app.PageFiles, folder=pathlib.Path({str(tmp_path / "page")!r}))
+from fsw_hmi import bag_view, main
+bag_view.PageFiles = functools.partial(bag_view.PageFiles, folder=pathlib.Path({str(tmp_path / "page")!r}))
 sys.exit(main.main())
 """
     command = [sys.executable, "-u", "-c", source, "--bag", str(tmp_path / "weld"), "--port", "0"]

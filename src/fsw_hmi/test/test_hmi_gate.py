@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed
 
-from fsw_hmi.gate import Gate
+from fsw_hmi.gate import Gate, client_of, is_loopback
 from fsw_hmi.web_server import server as make_uvicorn
 from fsw_test_support.page_client import PATIENCE_S
 
@@ -245,3 +245,22 @@ def test_server_closes_a_request_that_trickles_in_by_the_clock(make_server):
                 late.sendall(b"x")  # each byte would wind up an idle timer
                 page.until("beat")
         page.until("beat")  # an open page needs no request
+
+
+@pytest.mark.parametrize(
+    ("address", "client", "local"),
+    [
+        ("127.0.0.1", "127.0.0.1", True),
+        ("127.3.2.1", "127.3.2.1", True),
+        ("::1", "::/64", True),
+        ("::ffff:127.0.0.1", "127.0.0.1", True),
+        ("192.0.2.4", "192.0.2.4", False),
+        ("::ffff:192.0.2.4", "192.0.2.4", False),
+        ("2001:db8::1:2:3:4", "2001:db8::/64", False),
+        ("fe80::1%eth0", "fe80::/64", False),
+        ("localhost", "localhost", False),
+        ("", "", False),
+    ],
+)
+def test_client_of_an_address(address, client, local):
+    assert (client_of(address), is_loopback(address)) == (client, local)

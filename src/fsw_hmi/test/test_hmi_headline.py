@@ -13,7 +13,7 @@ import pytest
 from fsw_analysis.rule_book import Limit, default
 from fsw_control.cause import Cause
 from fsw_hmi.alarm_rules import Situation
-from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
+from fsw_hmi.alarms import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.headline import headline
 from fsw_hmi.limits import flags, limits, outside_now, variables
 from fsw_test_support import hmi_situation

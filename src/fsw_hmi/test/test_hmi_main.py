@@ -6,7 +6,7 @@ import pytest
 
 from fsw_control.schema.extensions import Extra
 from fsw_hmi import hmi_node, main, users
-from fsw_hmi.page_files import PageFiles
+from fsw_hmi.web import PageFiles
 from fsw_test_support.page_client import PATIENCE_S, Page
 
 pytestmark = pytest.mark.slow

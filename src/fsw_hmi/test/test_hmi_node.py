@@ -27,7 +27,7 @@ from fsw_control.heat_plan import HeatPlan as HeatPlanData
 from fsw_control.topics_ros import LATCHED, LATEST, STREAM
 from fsw_control.units import NANOSECONDS
 from fsw_hmi import alarm_rules, hmi_node, main, watch_ros
-from fsw_hmi.hmi_node import HmiNode, book_of
+from fsw_hmi.hmi_node import HmiNode, book_of, pages_of
 from fsw_msgs.msg import (
     AlarmEvent,
     ControllerHealth,
@@ -236,6 +236,17 @@ def test_another_weld_begins_when_time_goes_back_and_no_sensor_is_missed_meanwhi
     graph.tick_until(is_cleared, "the end of the alarm")
 
 
+def test_page_that_opens_before_the_first_tick_of_a_weld_gets_no_verdict_of_the_last(graph, page):
+    graph.progress.publish(WeldProgress(state="running"))
+    graph.tick_until(lambda: page.receive()["t"] == "account", "the verdict")
+    for state in ("done", "running"):
+        graph.progress.publish(WeldProgress(state=state))
+        page.until("progress", lambda frame, state=state: frame["state"] == state)
+    with Page(graph.url) as new:
+        new.until("beat")
+        assert "progress" in new.frames and "account" not in new.frames
+
+
 def test_state_prediction_and_alarms_reach_the_page(graph, page, monkeypatch):
     health = ControllerHealth(name="nmpc", warm=True, healthy=True)
     graph.states.publish(
@@ -366,7 +377,10 @@ def test_set_points_out_of_reach_are_told_beside_what_is_attainable_until_they_a
 
 
 def test_answers_of_services(graph, page):
+    askers = []
+
     def on_mode(request, response):
+        askers.append(request.who)
         response.ok, response.message = (
             request.mode in ("hold", "safe_stop"),
             f"{request.mode} {request.axial_force:g}",
@@ -375,13 +389,15 @@ def test_answers_of_services(graph, page):
         return response
 
     def on_switch(request, response):
+        askers.append(request.who)
         response.ok, response.message = (
             True,
             f"{request.name} {request.strictness} {request.timeout.sec}",
         )
         return response
 
-    def on_acknowledge(_, response):
+    def on_request(request, response):
+        askers.append(request.who)
         response.ok, response.code, response.message = False, "cause_present", "still hot"
         return response
 
@@ -402,27 +418,34 @@ def test_answers_of_services(graph, page):
     assert (manual["outcome"], manual["message"]) == ("refused", "manual 78000")
     assert page.ask("switch", controller="nmpc", wait_s=2)["message"] == "nmpc 1 2"
     assert page.ask("safe_stop")["message"] == "safe_stop nan"
-    graph.serve(OperatorRequest, "fsw/acknowledge", on_acknowledge)
+    graph.serve(OperatorRequest, "fsw/acknowledge", on_request)
+    graph.serve(OperatorRequest, "fsw/weld/abort", on_request)
     wait_until(graph.hmi._orders._acknowledge.service_is_ready, "the service")
     assert page.ask("acknowledge_stop")["message"] == "still hot"
-    wait_until(lambda: len(graph.actions) == 8, "the record of all actions")
+    wait_until(graph.hmi._orders._weld["abort"].service_is_ready, "the service")
+    assert page.ask("weld", action="abort")["code"] == "cause_present"
+    wait_until(lambda: len(graph.actions) == 9, "the record of all actions")
     assert [(action.action, action.code) for action in graph.actions[:1]] == [
         ("log in", "logged_in")
     ]
-    assert [action.code for action in graph.actions[-4:]] == [
+    assert [action.code for action in graph.actions[-5:]] == [
         "mode_next",
         "service",
         "mode_next",
         "cause_present",
+        "cause_present",
     ]
-    assert [(action.action, action.outcome) for action in graph.actions][-4:] == [
-        ("mode manual 78 kN, 400 rpm", "refused"),
-        ("switch to nmpc", "done"),
-        ("safe stop", "done"),
-        ("acknowledge the safe stop", "refused"),
+    assert set(askers) == {action.who for action in graph.actions} and len(askers) == 6
+    assert "78 kN, 400 rpm" in graph.actions[-5].action
+    assert [(RequestKind(action.kind), action.outcome) for action in graph.actions][-5:] == [
+        (RequestKind.MODE, "refused"),
+        (RequestKind.SWITCH, "done"),
+        (RequestKind.SAFE_STOP, "done"),
+        (RequestKind.ACKNOWLEDGE_STOP, "refused"),
+        (RequestKind.WELD, "refused"),
     ]
     assert all(action.who.startswith("anna (") for action in graph.actions)
-    listed = page.seen("actions", lambda frame: len(frame["actions"]) == 8)["actions"]
+    listed = page.seen("actions", lambda frame: len(frame["actions"]) == 9)["actions"]
     assert [
         (action["who"], action["action"], action["outcome"], action["code"]) for action in listed
     ] == [(action.who, action.action, action.outcome, action.code) for action in graph.actions]
@@ -533,7 +556,7 @@ def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_jo
     report(DiagnosticStatus.ERROR, "disk full")
     (alarm,) = of_recorder(page.seen("alarms", now("active")))
     assert alarm["text"] == "fsw_recorder: recording: disk full"
-    shelve = {"alarm": alarm["id"], "minutes": 20, "reason": "disk is being changed"}
+    shelve = {"alarm": alarm["id"], "minutes": 20, "reason": "a new disk"}
     assert page.ask("shelve", **shelve | {"reason": " "})["code"] == "value_error"
     assert page.ask("shelve", **shelve | {"alarm": "other"})["outcome"] == "refused"
     assert page.ask("shelve", **shelve)["outcome"] == "done"
@@ -553,7 +576,7 @@ def test_alarm_is_raised_shelved_cleared_raised_again_and_all_of_it_is_in_the_jo
     wait_until(lambda: len(journal()) == 6, "the journal")
     assert journal() == ["raised", "shelved", "unshelved", "cleared", "re-raised", "acknowledged"]
     assert (events[1].reason, events[1].shelved_for, events[1].who[:6]) == (
-        "disk is being changed",
+        "a new disk",
         1200.0,
         "anna (",
     )
@@ -634,6 +657,15 @@ def test_wrong_arguments_are_told_in_a_line(domain_id, capfd, arguments, text):
         code = ended.code
     assert code == 2
     assert text in capfd.readouterr().err.strip().splitlines()[-1]
+
+
+def test_further_pages_are_those_that_are_registered(tmp_path, monkeypatch):
+    registered = {"history": lambda folder: f"<p>{folder.name}</p>"}
+    monkeypatch.setattr(hmi_node, "all_loaded", {"fsw.pages": registered}.__getitem__)
+    assert pages_of("") == {}
+    assert pages_of(str(tmp_path / "welds"))["history"]() == "<p>welds</p>"
+    registered.clear()
+    assert pages_of(str(tmp_path)) == {}
 
 
 def test_procedure_changed_after_signing_is_refused(tmp_path):

@@ -155,6 +155,15 @@ def test_login_comes_before_those_of_pages_at_its_address_that_have_guessed(hall
 
 
 @pytest.mark.requirement("S30")
+def test_login_comes_soon_when_many_at_its_address_begin_to_guess(hall):
+    guess(hall, guessers := [Place(hall) for _ in range(64)], 0)
+    hall.check(guessers[0].session)
+    otto = Place(hall)
+    otto.ask("login", name="otto", password=PASSWORD)
+    assert checked_before(hall, otto) <= 3
+
+
+@pytest.mark.requirement("S30")
 def test_login_waits_at_most_twice_as_many_checks_as_logins_waited_before_it(hall):
     """Even when every check is followed by a guess from an address without a wrong one."""
     places = [Place(hall, address=f"192.0.2.{number}") for number in range(5)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fsw_hmi.alarm_texts import ACTIONS, NEXT_OF_BAG
+from fsw_hmi.alarms import ACTIONS, NEXT_OF_BAG
 from fsw_hmi.recording import RecordingState
 from fsw_test_support.staged import STAGED, Staged, page_of, sentence
 

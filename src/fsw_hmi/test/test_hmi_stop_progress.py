@@ -6,7 +6,7 @@ from math import nan
 
 import pytest
 
-from fsw_hmi.stop_progress import StopKind, StopProgress
+from fsw_hmi.limits import StopKind, StopProgress
 
 SAFE = {"force_kn": 65.0, "rate_kn_per_s": 2.0}
 

@@ -13,8 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from fsw_hmi.page_files import PageFiles
-from fsw_hmi.security import HEADERS
+from fsw_control.schema.errors import InputError
+from fsw_hmi.gate import HEADERS
+from fsw_hmi.web import PageFiles
 from fsw_hmi.web_server import listen
 from fsw_test_support.waiting import wait_until
 
@@ -127,6 +128,28 @@ def test_websocket_under_the_name_of_a_stranger_is_refused(server):
     )
 
 
+def test_further_page_is_for_users_and_has_the_same_policy(make_server):
+    def broken():
+        raise InputError("nothing there")
+
+    pages = {"history": lambda: "<p>6 welds</p>", "broken": broken}
+    server = make_server(pages=pages)
+    with server.open() as page:
+        assert page.seen("hello")["pages"] == ["history", "broken"]
+        tickets = ["", "guess", page.seen("control")["ticket"]]
+        assert [get(server, f"/pages/history?ticket={one}")[0].status for one in tickets] == [
+            403
+        ] * 3
+        page.log_in(TOKEN)
+        ticket = page.seen("control", lambda frame: frame["authenticated"])["ticket"]
+        response, content = get(server, f"/pages/history?ticket={ticket}")
+        assert (response.status, content) == (200, b"<p>6 welds</p>")
+        assert {name: response.getheader(name) for name in HEADERS} == HEADERS
+        assert get(server, f"/pages/broken?ticket={ticket}")[0].status == 404
+        assert get(server, f"/pages/other?ticket={ticket}")[0].status == 404
+    wait_until(lambda: get(server, f"/pages/history?ticket={ticket}")[0].status == 403, "the end")
+
+
 def test_page_that_is_out_of_date_is_told(server):
     with server.open(build="old") as page:
         assert page.receive() == {"t": "stale", "build": server.files.build}
@@ -150,7 +173,13 @@ def test_page_is_told_what_is_known_and_the_past_from_the_newest_on(server):
         assert page.frames["state"]["known"]
         assert page.frames["control"] == {
             **{"t": "control", "holder": None, "you": False, "request": None, "name": ""},
-            **{"authenticated": False, "may_stop": True, "note": "", "note_code": ""},
+            **{
+                "authenticated": False,
+                "ticket": "",
+                "may_stop": True,
+                "note": "",
+                "note_code": "",
+            },
         }
         assert page.until("beat")["tick_age_s"] >= 0.0
 
@@ -410,13 +439,19 @@ def test_frames_of_the_graph_replace_each_other(server):
 def test_page_that_is_cut_off_resumes_where_it_was(server, noticed):
     page = server.open()
     page.command(TOKEN)
+    assert server.next_order().asked == "take control"
+    number = page.send("mode", mode="auto")
+    order = server.next_order()
     hello = page.frames["hello"]
     if noticed:
         page.socket.close(4002)
         wait_until(lambda: server.room.holder.lost_s is not None, "the loss of the connection")
+        server.answer(order)  # while no page is there
     with server.open(resume=hello["resume"]) as again:
         assert again.seen("hello")["session"] == hello["session"]
         assert again.seen("control")["you"]
+        server.answer(order)  # to a request of the connection that was cut
+        again.seen("answer", lambda frame: (frame["id"], frame["outcome"]) == (number, "done"))
         again.send("mode", mode="hold")
         assert server.next_order().holder == f"anna ({hello['session']})"
     wait_until(lambda: server.room.holder is None, "the end of control")  # a page that is closed

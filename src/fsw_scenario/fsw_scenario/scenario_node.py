@@ -42,6 +42,7 @@ from fsw_scenario.scenario_file import load, parse
 from fsw_scenario.weld_player_ros import PlayerOptions, WeldPlayer
 from fsw_scenario.weld_programme import ProgrammeCode, State
 from fsw_scenario.weld_programme_course import HeatAhead
+from fsw_scenario.weld_programme_ros import serve
 
 ACTION = "fsw/run_weld"
 #: time limit for this node's answer to its own goal, on a stalled machine (chosen)
@@ -90,6 +91,7 @@ class ScenarioNode(LightNode, Node):
             handle_accepted_callback=self._on_accepted,
             cancel_callback=self._on_cancel,
         )
+        serve(self, "abort", self._abort)
         self._client = None if self._own is None else ActionClient(self, RunWeld, ACTION)
         self._sent: Future | None = None
         self._alone_long = HeldFor(ALONE_S)
@@ -203,8 +205,11 @@ class ScenarioNode(LightNode, Node):
         self.weld = WeldPlayer(self, scenario, options, self._on_progress, self._over.set_result)
         handle.execute()
 
+    def _abort(self, who: str = "") -> Answer:
+        return self.weld.abort(who) if self.weld else Answer.refused(ProgrammeCode.NO_WELD)
+
     def _on_cancel(self, _: Any) -> CancelResponse:
-        answer = self.weld.abort() if self.weld else Answer.refused(ProgrammeCode.NO_WELD)
+        answer = self._abort()
         if not answer.ok:
             self.get_logger().warning(f"cancel: {answer.fact.words}")
             return CancelResponse.REJECT

@@ -118,8 +118,9 @@ class WeldPlayer:
             if part is not None:
                 part.destroy()
 
-    def abort(self) -> Answer:
-        """Abort the weld and request the safe stop."""
+    def abort(self, who: str = "") -> Answer:
+        """Abort the weld and request the safe stop, for an operator."""
+        self._stop.who = self._stop.who or who
         return self.machine.abort() if self._programme is None else self._programme.abort()
 
     @property

@@ -38,6 +38,7 @@ class SafeStop:
     def __init__(self, node: Node) -> None:
         self._node = node
         self.answer: Fact | None = None
+        self.who = ""  #: the operator who has aborted the weld
         self.controller = ""  #: in control, by the supervisor's last report
         self._asked: Future | None = None
         self._set_mode = node.create_client(SetMode, "fsw/set_mode")
@@ -67,7 +68,7 @@ class SafeStop:
                 return
             self._asked = None
         if self._asked is None and self._set_mode.service_is_ready():
-            request = convert.mode_request(str(Mode.SAFE_STOP))
+            request = convert.mode_request(str(Mode.SAFE_STOP), who=self.who)
             self._asked = self._set_mode.call_async(request)
         elif self._asked is None:
             self._node.get_logger().error(
@@ -81,13 +82,13 @@ class SafeStop:
             self._node.destroy_subscription(self._states)
 
 
-def serve(node: Node, name: str, ask: Callable[[], Answer]) -> Service:
-    """Create the service ``fsw/weld/NAME``."""
+def serve(node: Node, name: str, ask: Callable[[str], Answer]) -> Service:
+    """Create the service ``fsw/weld/NAME``; ``ask`` gets the operator who asks."""
 
     def on_request(
-        _: OperatorRequest.Request, response: OperatorRequest.Response
+        request: OperatorRequest.Request, response: OperatorRequest.Response
     ) -> OperatorRequest.Response:
-        answer = ask()
+        answer = ask(request.who)
         response.ok, response.code = answer.ok, str(answer.fact.code)
         response.message = answer.fact.words
         log(node, OK if answer.ok else WARN, f"{name}: {response.message}")
@@ -133,7 +134,7 @@ class ProgrammeServer:
         for service in self._services:
             self._node.destroy_service(service)
 
-    def _hold(self) -> Answer:
+    def _hold(self, _: str) -> Answer:
         return self._no_phases() or self._keep(self._machine.hold())
 
     def abort(self) -> Answer:
@@ -154,7 +155,7 @@ class ProgrammeServer:
             self.publish(self._stamp_ns)
         return answer
 
-    def _resume(self) -> Answer:
+    def _resume(self, _: str) -> Answer:
         """Return to the programme from a hold or from manual set-points."""
         if refused := self._no_phases():
             return refused

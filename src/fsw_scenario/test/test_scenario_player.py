@@ -176,12 +176,13 @@ def test_aborted_programme_repeats_its_request_for_a_safe_stop(graph, first, cap
     graph.tick()
     if first:
         assert graph.ask(first).ok
-    assert len(graph.ask("abort").goals_canceling) == 1
+    assert graph.ask("abort", "anna (3f2a)").ok
     graph.until(lambda: graph.progress[-1].state == "aborted", "the report")
+    assert graph.ask("abort", "bert (4e3b)").code == "not_possible"
     asked = []
 
     def on_mode(request, response):
-        asked.append(request.mode)
+        asked.append((request.mode, request.who))
         response.ok, response.message = len(asked) > 1, "the mode is safe_stop"
         return response
 
@@ -189,7 +190,7 @@ def test_aborted_programme_repeats_its_request_for_a_safe_stop(graph, first, cap
     with pytest.raises(SystemExit) as ended:
         graph.until(lambda: False)
     assert ended.value.code == ABORTED
-    assert asked == ["safe_stop", "safe_stop"]
+    assert asked == [("safe_stop", "anna (3f2a)")] * 2
     last = capsys.readouterr().err.strip().splitlines()[-1]
     assert last.startswith("scenario: ") and "phase dwell" in last and "safe_stop" in last
 

@@ -52,6 +52,8 @@ class Leadership:
 
 
 _ON_STANDBY = Answer.refused(Code.ON_STANDBY)
+#: characters of an operator's name that are recorded
+_LONGEST_NAME = 100
 
 
 class OperatorServices:
@@ -103,7 +105,7 @@ class OperatorServices:
         now_s, timeout = time.monotonic(), request.timeout
         ask = self._arbiter.operator.ask_switch
         timeout_s = timeout.sec + timeout.nanosec * 1e-9
-        switch = ask(request.name, strictness != best_effort, timeout_s, "operator", now_s)
+        switch = ask(request.name, strictness != best_effort, timeout_s, _who(request), now_s)
         self._publish([])
         if not switch.done:
             answered: Future = Future(executor=self._node.executor)
@@ -127,14 +129,16 @@ class OperatorServices:
 
     async def _set_mode(self, request: SetMode.Request) -> Answer:
         mode, confirmations = request.mode, self._confirmations
-        ask = partial(self._arbiter.operator.ask_mode, mode, convert.command(request), "operator")
+        ask = partial(
+            self._arbiter.operator.ask_mode, mode, convert.command(request), _who(request)
+        )
         confirmation = confirmations.of_stop
         if mode != Mode.SAFE_STOP:
             confirmation = partial(confirmations.of_mode, mode)
         return await self._ask(ask, confirmation)
 
     async def _acknowledge(self, request: OperatorRequest.Request) -> Answer:
-        ask = partial(self._arbiter.operator.acknowledge, "operator")
+        ask = partial(self._arbiter.operator.acknowledge, _who(request))
         return await self._ask(ask, self._confirmations.of_acknowledgement)
 
     async def _ask(
@@ -159,6 +163,11 @@ class OperatorServices:
             return _ON_STANDBY
         wait_s = self._confirmations.wait_s
         return Answer.refused(Code.UNCONFIRMED, wait_s=wait_s, answer=answer.fact)
+
+
+def _who(request: Any) -> str:
+    """Origin of a request, for the record."""
+    return request.who[:_LONGEST_NAME] or "operator"
 
 
 def _served(answer: Callable[[Any], Awaitable[Answer]]) -> Callable[[Any, Any], Awaitable[Any]]:

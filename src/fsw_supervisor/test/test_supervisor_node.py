@@ -321,10 +321,12 @@ def test_modes_by_service(bench):
     assert not bench.call(
         bench.peer.modes, SetMode.Request(mode="manual", axial_force=80.0, spindle_speed=42.0)
     ).ok
-    assert bench.call(bench.peer.modes, SetMode.Request(mode="hold")).ok
+    assert bench.call(bench.peer.modes, SetMode.Request(mode="hold", who="anna (3f2a)")).ok
     bench.until(lambda: bench.peer.commands[-1].source == "hold")
+    bench.until(lambda: bench.peer.states[-1].who == "anna (3f2a)")
     assert bench.call(bench.peer.modes, SetMode.Request(mode="auto")).ok
     bench.until(lambda: bench.peer.commands[-1].source == "decentral")
+    bench.until(lambda: bench.peer.states[-1].who == "operator")
     assert bench.call(bench.peer.listing, ListControllers.Request()).mode == "auto"
 
 

@@ -35,10 +35,9 @@ from fsw_hmi.answers import DONE, REFUSED, Answer
 from fsw_hmi.control import Session
 from fsw_hmi.control_room import ControlRoom
 from fsw_hmi.frames import COLUMNS
+from fsw_hmi.gate import Security
 from fsw_hmi.headline import headline
-from fsw_hmi.limits import limits, outside_now, reference, worst
-from fsw_hmi.security import Security
-from fsw_hmi.stop_progress import StopProgress
+from fsw_hmi.limits import StopProgress, limits, outside_now, reference, worst
 from fsw_hmi.users import Users
 from fsw_test_support.machine import free_port
 from fsw_test_support.waiting import wait_until
@@ -130,8 +129,9 @@ class FakeHmi:
         self.recording: dict[str, Any] = {"state": "recording", "bag": "weld/bag"}
         self.recording |= {"bytes": 12_300_000, "missing": 0, "gap": None}
         self.refusals: dict[str, str] = {}  #: request -> reason
-        self.mute: set[str] = set()  #: requests that get no answer
+        self.mute: set[str] = set()  #: requests that get no answer on their connection
         self.requests: list[dict[str, Any]] = []
+        self.pages: list[str] = []  #: of other distributions
         self.state = _state()
         self.progress: dict[str, Any] | None = _progress()
         self.start_s = time.time() - 600.0
@@ -323,6 +323,8 @@ class FakeHmi:
         session.local_stop = self.local_stop
         hello = self._hello(session.id) | {"resume": session.token}
         await socket.send_text(json.dumps(hello))
+        for answer in session.answers:
+            await socket.send_text(answer)
         now_s = time.time() - self.start_s
         for newest in range(0, 600, 60):
             times = [now_s - newest - (600 - i) * TICK_S for i in range(600)]
@@ -339,10 +341,11 @@ class FakeHmi:
                 request = json.loads(await socket.receive_text())
                 self.requests.append(request)
                 reply = self._answer(request, session)
+                answer = json.dumps({"t": "answer", "id": request["id"], **reply._asdict()})
+                session.answers.append(answer)
                 if request["do"] in self.mute:
                     continue
-                answer = {"t": "answer", "id": request["id"], **reply._asdict()}
-                await socket.send_text(json.dumps(answer))
+                await socket.send_text(answer)
                 await self._push()
         except WebSocketDisconnect:
             pass
@@ -385,6 +388,7 @@ class FakeHmi:
             "session": session,
             "login": self._room.login,
             "columns": COLUMNS,
+            "pages": self.pages,
             "limits": LIMITS,
             "reference": reference(_INTERLOCKS),
         }

@@ -6,6 +6,7 @@ import json
 import re
 import ssl
 from collections.abc import Callable
+from itertools import count
 from typing import Any
 from urllib.request import urlopen
 
@@ -14,6 +15,8 @@ from websockets.sync.client import connect
 from fsw_test_support.waiting import PATIENCE_S
 
 Frame = dict[str, Any]
+#: of requests: a page that resumes another one's session goes on counting
+_NUMBERS = count(1)
 
 
 def _may_be_taken(control: Frame) -> bool:
@@ -62,7 +65,6 @@ class Page:
         )
         self.socket = self._connection.__enter__()
         self.frames: dict[str, Frame] = {}
-        self._count = 0
 
     def __enter__(self) -> Page:
         return self
@@ -91,9 +93,9 @@ class Page:
 
     def send(self, do: str, **content: Any) -> int:
         """Send a request; returns its number."""
-        self._count += 1
-        self.socket.send(json.dumps({"id": self._count, "do": do, **content}))
-        return self._count
+        number = next(_NUMBERS)
+        self.socket.send(json.dumps({"id": number, "do": do, **content}))
+        return number
 
     def ask(self, do: str, **content: Any) -> Frame:
         """Send a request and wait for its answer."""

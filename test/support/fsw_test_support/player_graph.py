@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import rclpy
-from action_msgs.srv import CancelGoal
 
 from fsw_control import messages_ros as convert
 from fsw_control.references_ros import reference_queue, subscribe_references
@@ -44,7 +43,6 @@ class PlayerGraph(Spinner):
             WeldProgress, "fsw/weld_progress", self.progress.append, LATEST
         )
         self.sensors = sensor_publishers(self.peer)
-        self.cancel = self.peer.create_client(CancelGoal, "fsw/run_weld/_action/cancel_goal")
         self.by_hand = self.peer.create_publisher(WeldReference, "fsw/reference", LATCHED)
         self.number = self.before = 0  #: of the tick, and of the last before the weld
         super().__init__()
@@ -94,12 +92,10 @@ class PlayerGraph(Spinner):
         )
         return self.in_force
 
-    def ask(self, verb: str) -> Any:
-        """The answer of a service of the weld; ``abort`` cancels all goals."""
-        if verb == "abort":
-            return self.call(self.cancel, CancelGoal.Request())
+    def ask(self, verb: str, who: str = "") -> Any:
+        """The answer of a service of the weld."""
         client = self.peer.create_client(OperatorRequest, f"fsw/weld/{verb}")
-        return self.call(client, OperatorRequest.Request())
+        return self.call(client, OperatorRequest.Request(who=who))
 
     def end(self) -> None:
         """Destroy the nodes."""

@@ -10,8 +10,7 @@ from fsw_control.cause import Cause
 from fsw_control.parameters import defaults
 from fsw_control.stop import StopCause
 from fsw_hmi.alarm_rules import AlarmRules, Part, Situation
-from fsw_hmi.alarm_texts import flood
-from fsw_hmi.alarms import AlarmList
+from fsw_hmi.alarms import AlarmList, flood
 from fsw_hmi.headline import headline
 from fsw_hmi.parameters import HmiParameters
 from fsw_test_support.fake_hmi import good_account

@@ -9,7 +9,7 @@ from pathlib import Path
 from fsw.bags import DAMAGED_TOO, read_weld
 from fsw.command import FORCE, command, file, option, picture
 from fsw.console import ProgressBar, check_new, print_table, write_json
-from fsw_hmi.alarm_texts import ACTIONS
+from fsw_hmi.alarms import ACTIONS
 from fsw_model import ModelParameters
 from fsw_quality.likelihood import covariance_from
 from fsw_quality.monitor import PROCESSES, Monitor

@@ -7,6 +7,7 @@ Groups:
 - ``fsw.nodes``: functions that run a node
 - ``fsw.controllers``: classes of controllers
 - ``fsw.processes``: functions that make the heat model of a plant's process
+- ``fsw.pages``: functions that return the HTML of a page beside the operator's, from a folder
 - ``fsw.record_hooks``: functions of bag and procedure that return the command to run after a
   recording
 - ``fsw.schemas``: models of files, by their kind

@@ -14,12 +14,14 @@ export async function startBag() {
   byId("status").replaceChildren(el("section", {}, title));
   try {
     /** @type {{bags: Weld[], limits: Limits}} */ const { bags, limits } = await get("bags");
-    const welds = await Promise.all(bags.map(async (bag) => ({ ...bag, ...(await get(`bags/${bag.n}`)) })));
+    const welds = await Promise.all(bags.map(
+        async (bag) => ({ ...bag, ...(await get(`bags/${bag.n}`)) })));
     await uPlotReady.catch(() => {});
     byId("status").replaceChildren();
     new BagPage(welds, limits);
   } catch (error) {
-    title.replaceChildren(el("strong", {}, `The bag cannot be read: ${/** @type {Error} */ (error).message}`));
+    title.replaceChildren(el("strong", {},
+        `The bag cannot be read: ${/** @type {Error} */ (error).message}`));
   }
 }
 
@@ -33,7 +35,8 @@ class BagPage {
   who = el("strong");
   phase = el("strong");
   time = el("strong", { className: "time" });
-  whole = el("button", { type: "button", onclick: () => this.#zoom([0, this.durationS]) }, "Whole weld");
+  whole = el("button", { type: "button", onclick: () => this.#zoom([0, this.durationS]) },
+      "Whole weld");
   timeS = 0;
 
   constructor(/** @type {Weld[]} */ welds, /** @type {Limits} */ limits) {
@@ -47,21 +50,26 @@ class BagPage {
     byId("side").append(this.#problems(), this.#events());
     this.bars = new Bars(byId("values"), limits);
     this.#plots();
-    const map = new WeldMap(byId("map"), this.first.columns, (timeS) => this.player?.seek(timeS), span, welds.length > 1 ? this.first.name : "");
+    const map = new WeldMap(byId("map"), this.first.columns, (timeS) => this.player?.seek(timeS),
+        span, welds.length > 1 ? this.first.name : "");
     map.add(this.first.rows);
     map.judged(this.first.account.marks);
     map.draw();
-    this.player = new Player(byId("foot"), this.durationS, this.first.events, (timeS) => this.#show(timeS));
+    this.player = new Player(byId("foot"), this.durationS, this.first.events,
+        (timeS) => this.#show(timeS));
     this.#zoom(this.range);
   }
 
   #head() {
     const part = (/** @type {Node[]} */ ...texts) => el("section", {}, el("p", {}, ...texts));
     const names = this.welds.map((weld) => weld.name).join(" and ");
-    const judged = this.welds.map(({ account }) => `${SIGN[account.level]} ${account.text}`).join(", ");
-    const start = this.first.start_s === null ? "simulated time" : `began ${new Date(this.first.start_s * 1000).toISOString().slice(0, 10)} ${clock(this.first.start_s)} UTC`;
+    const judged = this.welds.map(({ account }) => `${SIGN[account.level]} ${account.text}`).join(
+        ", ");
+    const start = this.first.start_s === null ? "simulated time"
+        : `began ${new Date(this.first.start_s * 1000).toISOString().slice(0, 10)} ${clock(this.first.start_s)} UTC`;
     byId("status").append(
-      part(el("strong", {}, `Recorded: ${names}`), el("span", { className: "detail", title: judged }, `${judged}; ${start}; no commands here`)),
+      part(el("strong", {}, `Recorded: ${names}`), el("span",
+          { className: "detail", title: judged }, `${judged}; ${start}; no commands here`)),
       part(this.who, el("span", { className: "detail" }, `values of ${this.first.name}`)),
       part(this.phase, el("span", { className: "detail" }, "phase")),
       part(this.time, el("span", { className: "detail" }, "time in the weld")),
@@ -69,25 +77,34 @@ class BagPage {
   }
 
   #problems() {
-    const all = this.welds.flatMap((weld) => weld.problems.map((text) => el("li", {}, `▲ ${weld.name}: ${text}`)));
-    const made = panel("problems", "Problems", scroll("List of the problems", el("ul", { className: "notes" }, ...all)));
+    const all = this.welds.flatMap((weld) =>
+        weld.problems.map((text) => el("li", {}, `▲ ${weld.name}: ${text}`)));
+    const made = panel("problems", "Problems",
+        scroll("List of the problems", el("ul", { className: "notes" }, ...all)));
     made.hidden = all.length === 0;
     return made;
   }
 
   #events() {
-    const all = this.welds.flatMap((weld) => weld.events.map((event) => ({ ...event, of: weld.name }))).sort((a, b) => a.time_s - b.time_s);
-    const entry = (/** @type {typeof all[0]} */ event) => el("li", {}, el("button", { type: "button", className: "event", onclick: () => this.player?.seek(event.time_s) }, el("time", {}, span(event.time_s)), ` ${this.welds.length > 1 ? `${event.of}: ` : ""}${event.text}`));
-    return panel("events", "Events ", scroll("List of the events", el("ol", {}, ...all.map(entry))));
+    const all = this.welds.flatMap((weld) => weld.events.map(
+        (event) => ({ ...event, of: weld.name }))).sort((a, b) => a.time_s - b.time_s);
+    const entry = (/** @type {typeof all[0]} */ event) =>
+        el("li", {}, el("button", { type: "button", className: "event",
+        onclick: () => this.player?.seek(event.time_s) }, el("time", {}, span(event.time_s)),
+        ` ${this.welds.length > 1 ? `${event.of}: ` : ""}${event.text}`));
+    return panel("events", "Events ", scroll(
+        "List of the events", el("ol", {}, ...all.map(entry))));
   }
 
   #plots() {
-    const key = (/** @type {string} */ kind, /** @type {string} */ text) => el("li", {}, el("span", { className: `key ${kind}` }), text);
+    const key = (/** @type {string} */ kind, /** @type {string} */ text) =>
+        el("li", {}, el("span", { className: `key ${kind}` }), text);
     const names = this.welds.map((weld, i) => key(i ? "second" : "measured", weld.name));
     const plots = el("div", { className: "plots" });
     const bar = el("div", { className: "toolbar" }, this.whole);
     byId("trends").append(bar, plots);
-    const second = (/** @type {string} */ name) => (this.welds.length > 1 ? [{ ...LINES.value(`${name}#1`), stroke: SECOND, dash: [7, 3] }] : []);
+    const second = (/** @type {string} */ name) => (this.welds.length > 1
+        ? [{ ...LINES.value(`${name}#1`), stroke: SECOND, dash: [7, 3] }] : []);
     this.trends = new Trends(plots, {
       lines: (name) => [...second(name), ...liveLines(name, this.limits)],
       label: span,
@@ -99,7 +116,8 @@ class BagPage {
         drawTime(u, this.timeS, "#000");
       },
     });
-    bar.append(this.trends.other, el("span", { className: "detail" }, "drag in a trend to zoom"), el("ul", { className: "legend" }, ...names));
+    bar.append(this.trends.other, el("span", { className: "detail" }, "drag in a trend to zoom"),
+        el("ul", { className: "legend" }, ...names));
   }
 
   #zoom(/** @type {[number, number]} */ [from, to]) {
@@ -110,9 +128,11 @@ class BagPage {
 
   #show(/** @type {number} */ timeS) {
     this.timeS = timeS;
-    const row = this.first.rows.findLast((sample) => sample[0] <= timeS + 1e-6) ?? this.first.rows[0] ?? [];
+    const row = this.first.rows.findLast((sample) => sample[0] <= timeS + 1e-6)
+        ?? this.first.rows[0] ?? [];
     const values = Object.fromEntries(this.first.columns.map((name, i) => [name, row[i] ?? null]));
-    this.bars?.update(values, /** @type {Flags} */ (row[this.first.columns.indexOf("flags")] ?? {}));
+    this.bars?.update(values, /** @type {Flags} */ (
+        row[this.first.columns.indexOf("flags")] ?? {}));
     setText(this.who, [values.controller, words(values.mode)].filter(Boolean).join(" · ") || NONE);
     setText(this.phase, words(values.phase) || NONE);
     setText(this.time, span(timeS));
@@ -125,11 +145,15 @@ class BagPage {
 /** Columns by name; those of the second weld carry `#1`, all on one time axis. */
 function overlaid(/** @type {Weld[]} */ welds, /** @type {Limits} */ limits) {
   const tables = welds.map((weld, n) => {
-    /** @type {Columns} */ const columns = Object.fromEntries(weld.columns.map((name, i) => [name, weld.rows.map((row) => row[i])]));
-    return n ? Object.fromEntries(Object.entries(columns).map(([name, values]) => [`${name}#${n}`, values])) : withNormal(columns, limits);
+    /** @type {Columns} */
+    const columns = Object.fromEntries(weld.columns.map(
+        (name, i) => [name, weld.rows.map((row) => row[i])]));
+    return n ? Object.fromEntries(Object.entries(columns).map(
+        ([name, values]) => [`${name}#${n}`, values])) : withNormal(columns, limits);
   });
   if (tables.length === 1 || !globalThis.uPlot) return tables[0];
-  const joined = uPlot.join(tables.map((table) => /** @type {import("uplot").AlignedData} */ (Object.values(table))));
+  const joined = uPlot.join(tables.map(
+      (table) => /** @type {import("uplot").AlignedData} */ (Object.values(table))));
   const names = ["time_s", ...tables.flatMap((table) => Object.keys(table).slice(1))];
   return Object.fromEntries(names.map((name, i) => [name, /** @type {Value[]} */ (joined[i])]));
 }

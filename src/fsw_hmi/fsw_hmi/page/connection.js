@@ -1,7 +1,11 @@
-// The websocket to the server: reconnects by itself, answers requests, and knows how old the news are.
+// The websocket to the server: reconnects by itself, answers requests, and knows how old the news
+// are.
 import { clock } from "./format.js";
 
-/** Ticks come every 0.1 s and beats every 0.2 s: silence that is longer is told, well within a second. */
+/**
+ * Ticks come every 0.1 s and beats every 0.2 s: silence that is longer is told, well within a
+ * second.
+ */
 export const SILENCE_MS = 800;
 const WATCH_MS = 100;
 const BEHIND_MS = 1000;
@@ -14,14 +18,16 @@ const LOST_CODE = 4002;
 export class Connection {
   #build;
   #on;
-  /** @type {Map<number, {resolve: (answer: Answer) => void, timer: number}>} */ #pending = new Map();
+  /** @type {Map<number, {what: string, resolve: (answer: Answer) => void, timer: number}>} */
+  #pending = new Map();
   /** @type {WebSocket?} */ #socket = null;
   #resume = ""; // by which the server knows this page again after a short loss
   #nextId = 1;
   #retry = 0;
   #lastFrame = -Infinity;
   #lastWatch = performance.now();
-  #fastest = -Infinity; // largest server_s - performance.now(): the frame that came with the least delay
+  // largest server_s - performance.now(): the frame that came with the least delay
+  #fastest = -Infinity;
   /** @type {Link} */ #state = { kind: "connecting", text: "Connecting" };
   /** @type {Value} */ serverS = null;
 
@@ -41,20 +47,28 @@ export class Connection {
     return this.#state.kind === "live";
   }
 
-  /** Send a request; resolves to an answer, always. @param {string} what @param {object} fields @returns {Promise<Answer>} */
+  /**
+   * Send a request; resolves to an answer, always.
+   * @param {string} what
+   * @param {object} fields
+   * @returns {Promise<Answer>}
+   */
   request(what, fields = {}) {
     if (!this.live) return Promise.resolve({ outcome: "refused", message: "not connected" });
     const id = this.#nextId++;
     return new Promise((resolve) => {
-      const timer = setTimeout(() => this.#answer({ id, outcome: "timed_out", message: "no answer from the server" }), ANSWER_MS);
-      this.#pending.set(id, { resolve, timer });
+      const timer = setTimeout(() => this.#answer(
+          { id, outcome: "timed_out", message: "no answer from the server" }), ANSWER_MS);
+      this.#pending.set(id, { what, resolve, timer });
       this.#socket?.send(JSON.stringify({ id, do: what, ...fields }));
     });
   }
 
   #open() {
     clearTimeout(this.#retry);
-    const url = new URL(`ws?build=${encodeURIComponent(this.#build)}&resume=${encodeURIComponent(this.#resume)}`, location.href);
+    const url = new URL(
+        `ws?build=${encodeURIComponent(this.#build)}&resume=${encodeURIComponent(this.#resume)}`,
+        location.href);
     url.protocol = location.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(url);
     this.#socket = socket;
@@ -65,22 +79,30 @@ export class Connection {
 
   #closed(/** @type {{code: number}} */ event) {
     this.#socket = null;
-    for (const id of [...this.#pending.keys()]) {
-      this.#answer({ id, outcome: "timed_out", message: "the connection was lost before the answer" });
+    // which is sent again; the others are answered where the session goes on
+    this.#giveUp((what) => what === "safe_stop");
+    if (event.code === STALE_CODE) {
+      this.#giveUp();
+      return this.#become("stale", "The page is out of date: reload it");
     }
-    if (event.code === STALE_CODE) return this.#become("stale", "The page is out of date: reload it");
     this.#become("lost", `Disconnected since ${this.#since()}`);
     this.#retry = setTimeout(() => this.#open(), AGAIN_MS * (0.8 + 0.4 * Math.random()));
   }
 
   #receive(/** @type {any} */ frame) {
     if (frame.t === "answer") return this.#answer(frame);
-    if (frame.t === "hello") this.#resume = frame.resume;
+    if (frame.t === "hello") {
+      if (frame.resume !== this.#resume) this.#giveUp();
+      this.#resume = frame.resume;
+    }
     if (frame.server_s !== undefined) this.#note(frame.server_s);
     this.#on.frame(frame);
   }
 
-  /** Take note of a frame's time. Frames that waited in a queue, because the page stood still, are not news. */
+  /**
+   * Take note of a frame's time. Frames that waited in a queue, because the page stood still, are
+   * not news.
+   */
   #note(/** @type {number} */ serverS) {
     const now = performance.now();
     this.#fastest = Math.max(this.#fastest, serverS * 1000 - now);
@@ -96,8 +118,10 @@ export class Connection {
     const stood = now - this.#lastWatch > BEHIND_MS;
     this.#lastWatch = now;
     if (!this.live || now - this.#lastFrame < SILENCE_MS) return;
-    this.#become("lost", `${stood ? "The page stood still" : "Frozen: no news"} since ${this.#since()}`);
-    // A socket that is silent or behind is not worth waiting for: a new one starts with the present.
+    this.#become(
+        "lost", `${stood ? "The page stood still" : "Frozen: no news"} since ${this.#since()}`);
+    // A socket that is silent or behind is not worth waiting for: a new one starts with the
+    // present.
     const old = this.#socket;
     this.#socket = null;
     if (old) old.close(LOST_CODE);
@@ -109,10 +133,19 @@ export class Connection {
   }
 
   #become(/** @type {Link["kind"]} */ kind, /** @type {string} */ text) {
-    const lost = kind === "lost" && this.#state.kind === "lost"; // the first reason is the one to keep
+    // the first reason is the one to keep
+    const lost = kind === "lost" && this.#state.kind === "lost";
     if (lost || (kind === this.#state.kind && text === this.#state.text)) return;
     this.#state = { kind, text };
     this.#on.linked(this.#state);
+  }
+
+  /** Requests whose answer cannot come. @param {(what: string) => boolean} lost */
+  #giveUp(lost = () => true) {
+    for (const [id, { what }] of [...this.#pending]) {
+      if (lost(what)) this.#answer({ id, outcome: "timed_out",
+          message: "the connection was lost before the answer" });
+    }
   }
 
   #answer(/** @type {Answer & {id: number}} */ { id, outcome, message }) {

@@ -9,15 +9,20 @@ export class Controllers {
     this.rows = el("tbody");
     this.notes = el("ul", { className: "notes" });
     this.timing = el("span", { className: "timing detail" }, "–");
-    const head = el("tr", {}, ...HEADS.map((text) => el("th", { scope: "col" }, text || el("span", { className: "hidden" }, "controller"))));
-    this.root = panel("controllers", "Controllers", scroll("Health of the controllers", el("table", {}, el("thead", {}, head), this.rows), this.notes));
+    const head = el("tr", {}, ...HEADS.map((text) =>
+        el("th", { scope: "col" }, text || el("span", { className: "hidden" }, "controller"))));
+    this.root = panel("controllers", "Controllers", scroll("Health of the controllers",
+        el("table", {}, el("thead", {}, head), this.rows), this.notes));
     this.root.firstElementChild?.append(" ", this.timing);
   }
 
   update(/** @type {State} */ state) {
-    renew(this.rows, JSON.stringify([state.controllers, state.actual_controller]), () => state.controllers.map((controller) => row(controller, state)));
-    const notes = state.controllers.filter((controller) => controller.reason).map((controller) => `${controller.inhibited ? "■" : "▲"} ${controller.name}: ${controller.reason}`);
-    renew(this.notes, JSON.stringify(notes), () => notes.map((text) => el("li", { title: text }, text)));
+    renew(this.rows, JSON.stringify([state.controllers, state.actual_controller]),
+        () => state.controllers.map((controller) => row(controller, state)));
+    const notes = state.controllers.filter((controller) => controller.reason).map((controller) =>
+        `${controller.inhibited ? "■" : "▲"} ${controller.name}: ${controller.reason}`);
+    renew(this.notes, JSON.stringify(notes),
+        () => notes.map((text) => el("li", { title: text }, text)));
   }
 
   time(/** @type {Values} */ { solve_ms: solveMs, latency_ms: latencyMs }) {
@@ -27,8 +32,12 @@ export class Controllers {
 
 function row(/** @type {Health} */ controller, /** @type {State} */ state) {
   const commands = controller.name === state.actual_controller && state.actual_mode === "auto";
-  const status = controller.inhibited ? "inhibited" : !controller.healthy ? "fails" : controller.ready ? "ready" : "not ready";
-  const cells = [commands && status === "ready" ? "commands" : status, `${fixed(controller.latency_ms, 0)} (${fixed(controller.latency_max_ms, 0)})`, `${controller.missed}, ${controller.late}, ${controller.rejected}`];
+  const status = controller.inhibited ? "inhibited" : !controller.healthy ? "fails"
+      : controller.ready ? "ready" : "not ready";
+  const cells = [commands && status === "ready" ? "commands" : status,
+      `${fixed(controller.latency_ms, 0)} (${fixed(controller.latency_max_ms, 0)})`,
+      `${controller.missed}, ${controller.late}, ${controller.rejected}`];
   const level = controller.inhibited || !controller.healthy ? "medium" : "";
-  return el("tr", { "data-level": level }, el("th", { scope: "row" }, controller.name), ...cells.map((text) => el("td", {}, text)));
+  return el("tr", { "data-level": level }, el("th", { scope: "row" }, controller.name),
+      ...cells.map((text) => el("td", {}, text)));
 }

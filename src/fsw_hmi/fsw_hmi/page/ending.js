@@ -14,9 +14,14 @@ import { clock, fixed, known, lasting, SIGN } from "./format.js";
 const VERDICT = { accept: "accept", review: "to be reviewed", reject: "reject" };
 const OVER = ["done", "aborted"];
 
-export const isOver = (/** @type {Programme?} */ programme) => OVER.includes(programme?.state ?? "");
+export const isOver = (/** @type {Programme?} */ programme) =>
+    OVER.includes(programme?.state ?? "");
 
-/** State, file, size and last gap; `toServerS` is from the weld's time to the server's. @param {RecordingReport?} report @param {number} toServerS */
+/**
+ * State, file, size and last gap; `toServerS` is from the weld's time to the server's.
+ * @param {RecordingReport?} report
+ * @param {number} toServerS
+ */
 export function recordingWords(report, toServerS) {
   if (!report) return { short: "", long: "" };
   const { state, bag, bytes, gap } = report;
@@ -31,11 +36,16 @@ export function recordingWords(report, toServerS) {
 export function ending({ progress, account, recording, values, trends, headline, isOld }) {
   if (!progress || !isOver(progress)) return null;
   const done = progress.state === "done";
-  const bag = recordingWords(recording, trends?.toServerS ?? NaN).long || `${SIGN.medium} ${RECORDING.none[1]}`;
-  const verdict = account ? `Verdict of the rules so far: ${VERDICT[account.verdict]} (${account.text}${account.detail ? `; ${account.detail}` : ""}).` : "Not judged.";
-  const moves = !isOld && known(values.force_kn) && known(values.speed_rpm) ? ` The tool still turns at ${fixed(values.speed_rpm, 0)} rpm under ${fixed(values.force_kn, 0)} kN.` : "";
+  const bag = recordingWords(recording, trends?.toServerS ?? NaN).long
+      || `${SIGN.medium} ${RECORDING.none[1]}`;
+  const verdict = account
+      ? `Verdict of the rules so far: ${VERDICT[account.verdict]} (${account.text}${account.detail ? `; ${account.detail}` : ""}).`
+      : "Not judged.";
+  const moves = !isOld && known(values.force_kn) && known(values.speed_rpm)
+      ? ` The tool still turns at ${fixed(values.speed_rpm, 0)} rpm under ${fixed(values.force_kn, 0)} kN.` : "";
   return {
     title: done ? "Weld done" : "Weld aborted: it cannot be continued",
-    lines: [verdict, `Recording: ${bag}.`, ...(done ? [] : [moves.trim()].filter(Boolean)), ...(headline.after ? [`Next: ${headline.after}.`] : [])],
+    lines: [verdict, `Recording: ${bag}.`, ...(done ? [] : [moves.trim()].filter(Boolean)),
+        ...(headline.after ? [`Next: ${headline.after}.`] : [])],
   };
 }

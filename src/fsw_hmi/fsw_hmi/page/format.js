@@ -19,7 +19,10 @@ export function signed(/** @type {Maybe} */ value, /** @type {number} */ digits)
   return known(value) && value > 0 && Number(plain) !== 0 ? `+${plain}` : plain;
 }
 
-/** `serverS` as time of the server's day, in UTC: the browser's clock and time zone have no part in it. */
+/**
+ * `serverS` as time of the server's day, in UTC: the browser's clock and time zone have no part
+ * in it.
+ */
 export function clock(/** @type {Maybe} */ serverS) {
   return known(serverS) ? new Date(serverS * 1000).toISOString().slice(11, 19) : "--:--:--";
 }
@@ -39,7 +42,9 @@ export function span(/** @type {Maybe} */ seconds) {
 }
 
 /** A duration in words. */
-export const lasting = (/** @type {Maybe} */ seconds) => (known(seconds) && seconds >= 99.5 ? `${span(seconds)} min` : `${fixed(seconds, known(seconds) && seconds < 10 ? 1 : 0)} s`);
+export const lasting = (/** @type {Maybe} */ seconds) => (known(seconds) && seconds >= 99.5
+    ? `${span(seconds)} min` : `${fixed(seconds, known(seconds) && seconds < 10 ? 1 : 0)} s`);
 
 /** `joint_line` as `joint line`. */
-export const words = (/** @type {string | null | undefined} */ name) => (name ?? "").replaceAll("_", " ");
+export const words = (/** @type {string | null | undefined} */ name) =>
+    (name ?? "").replaceAll("_", " ");

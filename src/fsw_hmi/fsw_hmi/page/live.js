@@ -14,8 +14,13 @@ import { Store } from "./store.js";
 import { Veil } from "./veil.js";
 import { WeldMap } from "./weld_map.js";
 
-/** @type {Control} */ const NOBODY = { t: "control", holder: null, you: false, request: null, name: "", authenticated: false, may_stop: false, note: "", note_code: "" };
-/** @type {State} */ const UNKNOWN = { t: "state", known: false, known_heat_share: null, target_controller: "", actual_controller: "", target_mode: "", actual_mode: "", reason: "", cause: 0, by: "", stop_cause: 0, acknowledged: false, standby: false, controllers: [], interlocks: [] };
+/** @type {Control} */
+const NOBODY = { t: "control", holder: null, you: false, request: null, name: "",
+    authenticated: false, ticket: "", may_stop: false, note: "", note_code: "" };
+/** @type {State} */
+const UNKNOWN = { t: "state", known: false, known_heat_share: null, target_controller: "",
+    actual_controller: "", target_mode: "", actual_mode: "", reason: "", cause: 0, by: "",
+    stop_cause: 0, acknowledged: false, standby: false, controllers: [], interlocks: [] };
 
 /** No ticks for longer than this: the values on the page are old. */
 const TICK_AGE_S = 0.5;
@@ -28,8 +33,10 @@ export class LivePage {
   /** @type {Heat?} */ heat = null;
   /** @type {Control} */ control = NOBODY;
   /** @type {Values} */ values = {};
-  /** @type {{alarms: Alarm[], reach: Reach?, attainable: SetPoints?}} */ alarms = { alarms: [], reach: null, attainable: null };
-  /** @type {Headline} */ headline = { level: "attention", text: "No measurements yet", detail: "" };
+  /** @type {{alarms: Alarm[], reach: Reach?, attainable: SetPoints?}} */
+  alarms = { alarms: [], reach: null, attainable: null };
+  /** @type {Headline} */
+  headline = { level: "attention", text: "No measurements yet", detail: "" };
   /** @type {Account?} */ account = null;
   /** @type {RecordingReport?} */ recording = null;
   /** @type {Value} */ tickAgeS = null;
@@ -43,7 +50,8 @@ export class LivePage {
     this.status = new Status();
     this.list = new Alarms(this.commands);
     this.controllers = new Controllers();
-    byId("side").append(this.list.root, this.commands.root, this.controllers.root, this.actions.root);
+    byId("side").append(this.list.root, this.commands.root, this.controllers.root,
+        this.actions.root);
   }
 
   frame(/** @type {Frame} */ frame) {
@@ -56,12 +64,14 @@ export class LivePage {
       this.store?.prepend(frame.rows);
       this.map?.add(frame.rows);
     } else {
-      if (frame.t === "progress" && isOver(this.progress) && !isOver(frame)) this.account = null; // of the weld before
+      // of the weld before
+      if (frame.t === "progress" && isOver(this.progress) && !isOver(frame)) this.account = null;
       if (frame.t === "beat") this.tickAgeS = frame.tick_age_s;
       else Object.assign(this, { [frame.t]: frame });
       if (this.isOld) this.stop = null;
       if (frame.t === "account") this.map?.judged(frame.marks);
-      if (frame.t === "heat" || frame.t === "state") this.map?.known(this.heat, this.state.known_heat_share);
+      if (frame.t === "heat" || frame.t === "state") this.map?.known(
+          this.heat, this.state.known_heat_share);
       this.#show();
     }
     if (["state", "history", "account", "heat"].includes(frame.t)) this.map?.draw();
@@ -85,7 +95,8 @@ export class LivePage {
 
   /** A connection begins: rebuild the view from the server's first frame. */
   #begin(/** @type {Hello} */ hello) {
-    const isNew = hello.session !== this.hello?.session; // another weld is told by a hello, too, on the same connection
+    // another weld is told by a hello, too, on the same connection
+    const isNew = hello.session !== this.hello?.session;
     const hadControl = this.control.you;
     this.hello = hello;
     this.values = {};
@@ -97,7 +108,8 @@ export class LivePage {
     this.trends?.destroy();
     this.trends = new LiveTrends(byId("trends"), this.store, hello.limits);
     this.map?.destroy();
-    this.map = new WeldMap(byId("map"), hello.columns, (timeS) => this.trends?.look(timeS), (timeS) => this.trends?.clock(timeS) ?? "");
+    this.map = new WeldMap(byId("map"), hello.columns, (timeS) => this.trends?.look(timeS),
+        (timeS) => this.trends?.clock(timeS) ?? "");
     this.#show();
     this.commands.connected(isNew, hadControl);
   }
@@ -134,6 +146,8 @@ export class LivePage {
     this.status.connection(link, this.progress);
     if (link.kind === "live") return;
     this.veil.drop(link.text);
-    if (link.kind === "stale") openForm({ title: "The page is out of date", summary: () => "The server has a newer one. Nothing can be shown or commanded here.", confirm: "Reload", run: async () => location.reload() });
+    if (link.kind === "stale") openForm({ title: "The page is out of date",
+        summary: () => "The server has a newer one. Nothing can be shown or commanded here.",
+        confirm: "Reload", run: async () => location.reload() });
   }
 }

@@ -10,7 +10,10 @@ const WINDOWS = [
   { name: "5 min", length_s: 300, ahead_s: 15, every_s: 60, redraw_ms: 250 },
   { name: "45 min", length_s: 2700, ahead_s: 15, every_s: 900, redraw_ms: 1000 },
 ];
-const LEGEND = [["measured", "measured"], ["aimed", "set-point"], ["limit", "limit"], ["predicted", "prediction"], ["deviation", "expected, ± 2 σ", "95 of 100 measurements, if the plan is followed and nothing happens that the controller cannot know"], ["second", "to be confirmed"]];
+const LEGEND = [["measured", "measured"], ["aimed", "set-point"], ["limit", "limit"],
+    ["predicted", "prediction"], ["deviation", "expected, ± 2 σ",
+    "95 of 100 measurements, if the plan is followed and nothing happens that the controller cannot know"],
+    ["second", "to be confirmed"]];
 
 /** An older prediction says nothing about what comes. */
 const PREDICTION_MAX_AGE_S = 3;
@@ -31,9 +34,12 @@ export class LiveTrends {
   constructor(root, store, limits) {
     this.store = store;
     this.limits = limits;
-    this.buttons = WINDOWS.map((window) => el("button", { type: "button", onclick: () => this.#choose(window) }, window.name));
-    this.back = el("button", { type: "button", className: "primary back", onclick: () => this.#show(null) }, "Back to now");
-    const legend = el("ul", { className: "legend" }, ...LEGEND.map(([kind, text, title = ""]) => el("li", { title }, el("span", { className: `key ${kind}` }), text)));
+    this.buttons = WINDOWS.map((window) =>
+        el("button", { type: "button", onclick: () => this.#choose(window) }, window.name));
+    this.back = el("button", { type: "button", className: "primary back",
+        onclick: () => this.#show(null) }, "Back to now");
+    const legend = el("ul", { className: "legend" }, ...LEGEND.map(([kind, text, title = ""]) =>
+        el("li", { title }, el("span", { className: `key ${kind}` }), text)));
     this.plots = el("div", { className: "plots" });
     this.trends = new Trends(this.plots, {
       lines: (key) => liveLines(key, limits),
@@ -43,13 +49,18 @@ export class LiveTrends {
       zoom: (range) => this.#show(range),
       ends: () => [store.columns[0][0] ?? NaN, store.newest],
     });
-    root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Trends" }, ...this.buttons, this.trends.other, this.back, legend), this.plots);
+    root.replaceChildren(el("div", { className: "toolbar", role: "group", "aria-label": "Trends" },
+        ...this.buttons, this.trends.other, this.back, legend), this.plots);
     this.#choose(this.#window);
   }
 
-  /** Show set-points that are about to be confirmed; null: there are none. @param {Ahead?} ahead */
+  /**
+   * Show set-points that are about to be confirmed; null: there are none.
+   * @param {Ahead?} ahead
+   */
   preview(ahead) {
-    if (ahead && !this.#preview) this.plots.scrollIntoView({ block: "start" }); // where the page scrolls, above the form
+    // where the page scrolls, above the form
+    if (ahead && !this.#preview) this.plots.scrollIntoView({ block: "start" });
     this.#preview = ahead;
     if (ahead) this.#range = null;
     this.#draw(true);
@@ -60,7 +71,11 @@ export class LiveTrends {
     this.#show(this.#about(timeS), timeS);
   }
 
-  /** Show a range of time, null: the present. @param {[number, number]?} range @param {number?} mark */
+  /**
+   * Show a range of time, null: the present.
+   * @param {[number, number]?} range
+   * @param {number?} mark
+   */
   #show(range, mark = this.#mark) {
     this.#range = range;
     this.#mark = range && mark;
@@ -86,7 +101,8 @@ export class LiveTrends {
   #choose(/** @type {typeof WINDOWS[0]} */ window) {
     this.#window = window;
     if (this.#range) this.#range = this.#about((this.#range[0] + this.#range[1]) / 2);
-    this.buttons.forEach((button, i) => button.setAttribute("aria-pressed", String(WINDOWS[i] === window)));
+    this.buttons.forEach((button, i) =>
+        button.setAttribute("aria-pressed", String(WINDOWS[i] === window)));
     clearInterval(this.timer);
     this.timer = setInterval(() => this.#draw(), window.redraw_ms);
     this.#draw(true);
@@ -100,11 +116,16 @@ export class LiveTrends {
     const { length_s: length, ahead_s: least } = this.#window;
     const ahead = Math.max(least, (this.#preview?.time_s.at(-1) ?? now) - now);
     const [from, to] = this.#range ?? [now - length, now + ahead];
-    const held = Object.fromEntries(TRENDS.map((key) => [key, [...(this.#ahead()?.[key] ?? []), ...(this.#preview?.[key] ?? [])]]));
+    const held = Object.fromEntries(TRENDS.map(
+        (key) => [key, [...(this.#ahead()?.[key] ?? []), ...(this.#preview?.[key] ?? [])]]));
     this.trends.draw(withNormal(this.store.since(from), this.limits), from, to, held);
   }
 
-  /** Fixed places, so that the axis does not crawl: the curves move below it. @param {number} min @param {number} max */
+  /**
+   * Fixed places, so that the axis does not crawl: the curves move below it.
+   * @param {number} min
+   * @param {number} max
+   */
   #splits(min, max) {
     const [last, every] = this.#range ? [max, (max - min) / 3] : [this.#now, this.#window.every_s];
     const places = [];
@@ -125,13 +146,15 @@ export class LiveTrends {
     if (this.#mark !== null) drawTime(u, this.#mark, "#000", [4, 3]);
     const expected = this.#ahead();
     if (expected) drawBand(u, expected, key, SIGMAS);
-    for (const [ahead, stroke] of /** @type {const} */ ([[this.#preview, PREVIEW], [expected, undefined]])) {
+    for (const [ahead, stroke] of /** @type {const} */ (
+        [[this.#preview, PREVIEW], [expected, undefined]])) {
       if (ahead?.[key]) drawLine(u, ahead.time_s, ahead[key], stroke);
     }
   }
 
   #ahead() {
     const ahead = this.prediction;
-    return ahead && Math.abs(this.store.newest - ahead.time_s[0]) < PREDICTION_MAX_AGE_S ? ahead : null;
+    return ahead && Math.abs(this.store.newest - ahead.time_s[0]) < PREDICTION_MAX_AGE_S ? ahead
+        : null;
   }
 }

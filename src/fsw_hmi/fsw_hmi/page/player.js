@@ -8,19 +8,31 @@ const REDRAW_MS = 100;
 export class Player {
   #playing = 0;
 
-  /** @param {HTMLElement} root @param {number} durationS @param {Weld["events"]} events @param {(timeS: number) => void} onTime called whenever the time changes */
+  /**
+   * @param {HTMLElement} root
+   * @param {number} durationS
+   * @param {Weld["events"]} events
+   * @param {(timeS: number) => void} onTime called whenever the time changes
+   */
   constructor(root, durationS, events, onTime) {
     this.durationS = durationS;
     this.onTime = onTime;
     this.timeS = 0;
-    this.play = el("button", { type: "button", id: "play", "aria-keyshortcuts": "Space", onclick: () => this.toggle() }, "▶ Play");
-    this.speed = el("select", { id: "speed", "aria-label": "Speed" }, ...SPEEDS.map((speed) => el("option", { value: speed, selected: speed === 1 }, `${speed} ×`)));
-    this.slider = el("input", { type: "range", id: "scrub", min: 0, max: durationS, step: 1, value: 0, "aria-label": "Time in the weld", oninput: () => this.seek(this.slider.valueAsNumber) });
-    const marks = el("div", { className: "marks", "aria-hidden": "true" }, ...events.map((event) => at(el("span", { title: event.text }), event.time_s / durationS)));
+    this.play = el("button", { type: "button", id: "play", "aria-keyshortcuts": "Space",
+        onclick: () => this.toggle() }, "▶ Play");
+    this.speed = el("select", { id: "speed", "aria-label": "Speed" }, ...SPEEDS.map(
+        (speed) => el("option", { value: speed, selected: speed === 1 }, `${speed} ×`)));
+    this.slider = el("input", { type: "range", id: "scrub", min: 0, max: durationS, step: 1,
+        value: 0, "aria-label": "Time in the weld",
+        oninput: () => this.seek(this.slider.valueAsNumber) });
+    const marks = el("div", { className: "marks", "aria-hidden": "true" },
+        ...events.map((event) => at(el("span", { title: event.text }), event.time_s / durationS)));
     this.text = el("output", { className: "time" });
-    root.append(this.play, this.speed, el("div", { className: "line" }, this.slider, marks), this.text);
+    root.append(this.play, this.speed, el("div", { className: "line" }, this.slider, marks),
+        this.text);
     document.addEventListener("keydown", (event) => {
-      if (event.key !== " " || /** @type {Element} */ (event.target).closest("select, button")) return;
+      if (event.key !== " " || /** @type {Element} */ (event.target).closest(
+          "select, button")) return;
       event.preventDefault();
       this.toggle();
     });

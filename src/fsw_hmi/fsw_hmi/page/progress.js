@@ -1,4 +1,5 @@
-// Progress of the weld: phase, angle, length, time left; while it is stopped, how far the stop has come.
+// Progress of the weld: phase, angle, length, time left; while it is stopped, how far the stop
+// has come.
 import { byId, setShort } from "./dom.js";
 import { fixed, span, words } from "./format.js";
 import { stopProgress } from "./stop.js";
@@ -22,10 +23,12 @@ export class Progress {
 
 function described(/** @type {Programme?} */ programme) {
   if (!programme) return { level: "", text: "No programme", detail: "" };
-  const { state, phase, angle_deg: angle, length_mm: length, time_left_s: timeLeft, left } = programme;
+  const { state, phase, angle_deg: angle, length_mm: length, time_left_s: timeLeft, left } =
+      programme;
   const how = state === "running" ? (left ? " (set-points by hand)" : "") : ` (${words(state)})`;
   return {
-    level: state === "aborted" || state === "silent" ? "high" : state === "held" || left ? "attention" : "",
+    level: state === "aborted" || state === "silent" ? "high" : state === "held" || left
+        ? "attention" : "",
     text: phase ? words(phase) + how : words(state),
     detail: `${fixed(angle, 0)}° · ${fixed(length, 0)} mm · ${span(timeLeft)} left`,
   };

@@ -1,10 +1,12 @@
-// The line at the top: good or not, who commands and why, progress, server time, safe stop. Its height never changes.
+// The line at the top: good or not, who commands and why, progress, server time, safe stop. Its
+// height never changes.
 import { byId, setShort, setText } from "./dom.js";
 import { clock, localClock, SIGN, words } from "./format.js";
 import { Progress } from "./progress.js";
 
 /** What index.html has for one of its parts. */
-const part = (/** @type {string} */ selector) => /** @type {HTMLElement} */ (document.querySelector(selector));
+const part = (/** @type {string} */ selector) =>
+    /** @type {HTMLElement} */ (document.querySelector(selector));
 
 export class Status {
   verdict = byId("verdict");
@@ -27,12 +29,17 @@ export class Status {
   }
 
   tell(/** @type {State} */ state) {
-    const { target_controller: wanted, actual_controller: actual, target_mode: mode, actual_mode: actualMode, reason, by } = state;
+    const { target_controller: wanted, actual_controller: actual, target_mode: mode,
+        actual_mode: actualMode, reason, by } = state;
     // In hold, manual and safe stop nobody among the controllers commands.
-    const differs = !state.known || mode !== actualMode || (actualMode === "auto" && wanted !== actual);
+    const differs = !state.known || mode !== actualMode
+        || (actualMode === "auto" && wanted !== actual);
     const target = differs ? `target ${wanted || "none"} · ${words(mode)}; ` : "";
-    setShort(this.who, !state.known ? "No supervisor" : actualMode === "auto" ? `${actual || "nobody"} · auto` : words(actualMode));
-    setShort(this.why, state.known ? `${target}${reason}${by ? ` (${by})` : ""}${state.standby ? " · standby ready" : ""}` : "");
+    setShort(this.who, !state.known ? "No supervisor" : actualMode === "auto"
+        ? `${actual || "nobody"} · auto` : words(actualMode));
+    setShort(this.why, state.known
+        ? `${target}${reason}${by ? ` (${by})` : ""}${state.standby ? " · standby ready" : ""}`
+        : "");
     this.command.dataset.level = differs ? "medium" : "";
   }
 
@@ -51,7 +58,10 @@ export class Status {
   connection({ kind, text }, programme) {
     if (kind === "live") return;
     setText(this.link, "last server time, UTC");
-    if (kind === "lost" && programme?.state === "done") return this.judge({ level: "attention", text: "Weld done", detail: `the page's server no longer answers. ${text}` });
-    this.judge({ level: "high", text: kind === "connecting" ? "Connecting" : text, detail: kind === "lost" ? "values are old, commands are off; reconnecting" : "", next: kind === "lost" ? "Be ready to stop at the machine" : "" });
+    if (kind === "lost" && programme?.state === "done") return this.judge({ level: "attention",
+        text: "Weld done", detail: `the page's server no longer answers. ${text}` });
+    this.judge({ level: "high", text: kind === "connecting" ? "Connecting" : text,
+        detail: kind === "lost" ? "values are old, commands are off; reconnecting" : "",
+        next: kind === "lost" ? "Be ready to stop at the machine" : "" });
   }
 }

@@ -11,8 +11,10 @@ const GAP_S = 0.55; // this long without a tick is drawn as a gap
 
 /** Resolves when uPlot is there; nothing else waits for it. */
 export const uPlotReady = new Promise((resolve, reject) => {
-  const [css, script] = ["uPlot.min.css", "uPlot.iife.min.js"].map((name) => new URL(`uplot/${name}`, import.meta.url).href);
-  document.head.append(el("link", { rel: "stylesheet", href: css }), el("script", { src: script, onload: resolve, onerror: reject }));
+  const [css, script] = ["uPlot.min.css", "uPlot.iife.min.js"].map(
+      (name) => new URL(`uplot/${name}`, import.meta.url).href);
+  document.head.append(el("link", { rel: "stylesheet", href: css }),
+      el("script", { src: script, onload: resolve, onerror: reject }));
 });
 
 /** @type {Record<"value" | "aim" | "edge" | "other", (key: string) => Line>} */
@@ -23,12 +25,19 @@ export const LINES = {
   other: (key) => ({ key, stroke: "#8a5a00", width: 1 }),
 };
 
-/** Columns of the normal range along a trend, which may follow the set-point. @param {Columns} columns @param {Limits} limits @returns {Columns} */
+/**
+ * Columns of the normal range along a trend, which may follow the set-point.
+ * @param {Columns} columns
+ * @param {Limits} limits
+ * @returns {Columns}
+ */
 export function withNormal(columns, limits) {
   const extended = { ...columns };
   for (const key of TRENDS.filter((name) => limits[name]?.kept)) {
-    const edges = Array.from(columns[quantity(key).aim] ?? columns[key], (aim) => normalRange(key, limits, aim));
-    [extended[`${key}:low`], extended[`${key}:high`]] = [edges.map(([low]) => low), edges.map(([, high]) => high)];
+    const edges = Array.from(columns[quantity(key).aim] ?? columns[key],
+        (aim) => normalRange(key, limits, aim));
+    [extended[`${key}:low`], extended[`${key}:high`]] =
+        [edges.map(([low]) => low), edges.map(([, high]) => high)];
   }
   return extended;
 }
@@ -36,7 +45,8 @@ export function withNormal(columns, limits) {
 /** The lines of a quantity in the live page. @param {string} key @param {Limits} limits */
 export function liveLines(key, limits) {
   const edges = limits[key]?.kept ? [LINES.edge(`${key}:low`), LINES.edge(`${key}:high`)] : [];
-  const others = (limits[key]?.others ?? []).map(({ key: column, name }) => ({ ...LINES.other(column), name }));
+  const others = (limits[key]?.others ?? []).map(
+      ({ key: column, name }) => ({ ...LINES.other(column), name }));
   const aims = quantity(key).aim ? [LINES.aim(quantity(key).aim)] : [];
   return [...edges, ...aims, ...others, LINES.value(key)];
 }
@@ -55,7 +65,9 @@ export class Trends {
     this.resizer = new ResizeObserver(() => this.charts.forEach(fit));
     this.#named();
     root.addEventListener("keydown", (event) => this.#pan(event));
-    uPlotReady.then(() => this.#begin(), () => root.append(el("p", { className: "panel" }, "No trends: this page was built without uPlot, which draws them. What to do is in the server's log.")));
+    uPlotReady.then(() => this.#begin(),
+        () => root.append(el("p", { className: "panel" },
+        "No trends: this page was built without uPlot, which draws them. What to do is in the server's log.")));
   }
 
   #begin() {
@@ -65,14 +77,23 @@ export class Trends {
     if (this.#drawn) this.draw(...this.#drawn);
   }
 
-  /** Draw columns between two times; the scales hold `extra[key]`, too. @param {Columns} columns @param {number} from @param {number} to @param {Record<string, number[]>} extra */
+  /**
+   * Draw columns between two times; the scales hold `extra[key]`, too.
+   * @param {Columns} columns
+   * @param {number} from
+   * @param {number} to
+   * @param {Record<string, number[]>} extra
+   */
   draw(columns, from, to, extra = {}) {
     this.#drawn = [columns, from, to, extra]; // for charts that are made later
     for (const chart of this.charts) {
       chart.extra = extra[chart.key] ?? [];
-      const present = chart.named.filter(({ key }) => Array.prototype.some.call(columns[key] ?? [], Number.isFinite)); // sensors that there are
+      // sensors that there are
+      const present = chart.named.filter(({ key }) =>
+          Array.prototype.some.call(columns[key] ?? [], Number.isFinite));
       chart.unit.textContent = [chart.spec.unit, ...present.map(({ name }) => name)].join(", ");
-      chart.uplot.setData(/** @type {import("uplot").AlignedData} */ ([columns.time_s, ...chart.keys.map((key) => columns[key])]), false);
+      chart.uplot.setData(/** @type {import("uplot").AlignedData} */ (
+          [columns.time_s, ...chart.keys.map((key) => columns[key])]), false);
       chart.uplot.setScale("x", { min: from, max: to });
     }
   }
@@ -97,7 +118,10 @@ export class Trends {
     this.other.textContent = other.map((key) => quantity(key).name).join(", ");
   }
 
-  /** Arrows move the time axis by a quarter of its length, to the ends of the data. @param {KeyboardEvent} event */
+  /**
+   * Arrows move the time axis by a quarter of its length, to the ends of the data.
+   * @param {KeyboardEvent} event
+   */
   #pan(event) {
     const share = { ArrowLeft: -0.25, ArrowRight: 0.25 }[event.key];
     if (share === undefined || !this.#drawn) return;
@@ -105,7 +129,8 @@ export class Trends {
     const [, from, to] = this.#drawn;
     const [first, last] = this.options.ends();
     const shift = share * (to - from);
-    const moved = share < 0 ? Math.max(shift, Math.min(0, first - from)) : Math.min(shift, Math.max(0, last - to));
+    const moved = share < 0 ? Math.max(shift, Math.min(0, first - from))
+        : Math.min(shift, Math.max(0, last - to));
     if (moved) this.options.zoom([from + moved, to + moved]);
   }
 
@@ -114,30 +139,44 @@ export class Trends {
     const lines = this.options.lines(key);
     const reading = el("span", { className: "reading" });
     const unit = el("span", { className: "unit" }, spec.unit);
-    const plot = el("div", { className: "plot", role: "img", tabIndex: 0, "aria-label": `Trend of ${spec.name.toLowerCase()} in ${spec.unit}` });
-    root.append(el("section", { className: `panel trend ${key}` }, el("h2", {}, `${spec.name} `, unit), reading, plot));
-    const chart = { key, spec, plot, reading, unit, named: lines.filter(({ name }) => name), keys: lines.map((line) => line.key), extra: [] };
-    return Object.assign(chart, { uplot: new uPlot(this.#settings(chart, lines), [[], ...lines.map(() => [])], plot) });
+    const plot = el("div", { className: "plot", role: "img", tabIndex: 0,
+        "aria-label": `Trend of ${spec.name.toLowerCase()} in ${spec.unit}` });
+    root.append(el("section", { className: `panel trend ${key}` },
+        el("h2", {}, `${spec.name} `, unit), reading, plot));
+    const chart = { key, spec, plot, reading, unit, named: lines.filter(({ name }) => name),
+        keys: lines.map((line) => line.key), extra: [] };
+    return Object.assign(chart, { uplot: new uPlot(
+        this.#settings(chart, lines), [[], ...lines.map(() => [])], plot) });
   }
 
-  /** @param {Omit<Chart, "uplot">} chart @param {Line[]} lines @returns {import("uplot").Options} */
+  /**
+   * @param {Omit<Chart, "uplot">} chart
+   * @param {Line[]} lines
+   * @returns {import("uplot").Options}
+   */
   #settings(chart, lines) {
     const { label, splits, incrs, zoom, overlay } = this.options;
-    const axis = { stroke: INK, grid: GRID, ticks: { ...GRID, size: 4 }, font: "13px system-ui, sans-serif" };
+    const axis = { stroke: INK, grid: GRID, ticks: { ...GRID, size: 4 },
+        font: "13px system-ui, sans-serif" };
     const isLast = chart.key === this.#pair.at(-1);
     return {
       width: 200,
       height: 100,
       padding: [9, 12, isLast ? 0 : 6, 0],
       legend: { show: false },
-      cursor: { sync: { key: "weld" }, drag: { x: true, y: false, setScale: false }, points: { show: false } },
-      scales: { x: { time: false, auto: false }, y: { auto: true, range: (_, low, high) => verticalScale(chart, low, high) } },
+      cursor: { sync: { key: "weld" }, drag: { x: true, y: false, setScale: false },
+          points: { show: false } },
+      scales: { x: { time: false, auto: false },
+          y: { auto: true, range: (_, low, high) => verticalScale(chart, low, high) } },
       axes: [
-        { ...axis, size: isLast ? 26 : 0, values: (_, at) => at.map((time) => (isLast ? label(time) : "")), ...(splits ? { splits: (_u, _i, min, max) => splits(min, max) } : { incrs }) },
-        { ...axis, size: 48, space: 20, splits: (_u, _i, low, high, step) => verticalSplits(low, high, step) },
+        { ...axis, size: isLast ? 26 : 0, values: (_, at) => at.map((time) => (isLast ? label(time)
+            : "")), ...(splits ? { splits: (_u, _i, min, max) => splits(min, max) } : { incrs }) },
+        { ...axis, size: 48, space: 20, splits: (_u, _i, low, high, step) =>
+            verticalSplits(low, high, step) },
       ],
       // distant limits would flatten what is measured
-      series: [{}, ...lines.map((line) => ({ ...line, auto: !line.key.includes(":"), points: { show: false }, gaps: addGaps }))],
+      series: [{}, ...lines.map((line) =>
+          ({ ...line, auto: !line.key.includes(":"), points: { show: false }, gaps: addGaps }))],
       hooks: {
         draw: [(u) => overlay(u, chart.key), (u) => this.#read(chart, u)],
         setCursor: [(u) => this.#read(chart, u)],
@@ -146,14 +185,19 @@ export class Trends {
     };
   }
 
-  /** The value under the cursor, also where the curve has moved below it. @param {Omit<Chart, "uplot">} chart @param {Plot} u */
+  /**
+   * The value under the cursor, also where the curve has moved below it.
+   * @param {Omit<Chart, "uplot">} chart
+   * @param {Plot} u
+   */
   #read(chart, u) {
     const left = u.cursor.left ?? -1;
     const index = left < 0 ? -1 : u.posToIdx(left);
     const timeS = u.data[0][index];
     const value = u.data[chart.keys.length][index];
     const isThere = known(value) && Math.abs(timeS - u.posToVal(left, "x")) < GAP_S;
-    setText(chart.reading, isThere ? `${this.options.label(timeS)}: ${fixed(value, chart.spec.digits)}` : "");
+    setText(chart.reading, isThere
+        ? `${this.options.label(timeS)}: ${fixed(value, chart.spec.digits)}` : "");
   }
 }
 
@@ -169,37 +213,66 @@ function fit(/** @type {Chart} */ { uplot, plot: { clientWidth: width, clientHei
   if (width && height) uplot.setSize({ width, height });
 }
 
-/** Smallest scale on the quantity's raster that holds two values, and what is drawn beside them. @param {Omit<Chart, "uplot">} chart @param {Value} low @param {Value} high @returns {[number, number]} */
+/**
+ * Smallest scale on the quantity's raster that holds two values, and what is drawn beside them.
+ * @param {Omit<Chart, "uplot">} chart
+ * @param {Value} low
+ * @param {Value} high
+ * @returns {[number, number]}
+ */
 function verticalScale({ spec: { step, span }, extra }, low, high) {
-  const [least, most] = [Math.min(low ?? Infinity, ...extra), Math.max(high ?? -Infinity, ...extra)];
+  const [least, most] = [Math.min(low ?? Infinity, ...extra),
+      Math.max(high ?? -Infinity, ...extra)];
   if (!(least <= most)) return [0, span];
   const margin = Math.max(0, span - (most - least)) / 2 + 0.04 * Math.max(span, most - least);
   return [Math.floor((least - margin) / step) * step, Math.ceil((most + margin) / step) * step];
 }
 
-/** Where a vertical axis is labelled: at multiples of the step, or at its ends where there is only one. @param {number} low @param {number} high @param {number} step */
+/**
+ * Where a vertical axis is labelled: at multiples of the step, or at its ends where there is only
+ * one.
+ * @param {number} low
+ * @param {number} high
+ * @param {number} step
+ */
 function verticalSplits(low, high, step) {
   const [first, last] = [Math.ceil(low / step - 1e-9), Math.floor(high / step + 1e-9)];
-  return last > first ? Array.from({ length: last - first + 1 }, (_, i) => (first + i) * step) : [low, high];
+  return last > first ? Array.from({ length: last - first + 1 }, (_, i) => (first + i) * step)
+      : [low, high];
 }
 
-/** Gaps where ticks are missing, beside those of missing values. @param {Plot} u @param {number} _ @param {number} first @param {number} last @param {[number, number][]} gaps */
+/**
+ * Gaps where ticks are missing, beside those of missing values.
+ * @param {Plot} u
+ * @param {number} _
+ * @param {number} first
+ * @param {number} last
+ * @param {[number, number][]} gaps
+ */
 function addGaps(u, _, first, last, gaps) {
   const times = u.data[0];
   for (let i = first + 1; i <= last; i++) {
-    if (times[i] - times[i - 1] > GAP_S) gaps.push([u.valToPos(times[i - 1], "x", true), u.valToPos(times[i], "x", true)]);
+    if (times[i] - times[i - 1] > GAP_S) gaps.push(
+        [u.valToPos(times[i - 1], "x", true), u.valToPos(times[i], "x", true)]);
   }
   return gaps.sort(([a], [b]) => a - b);
 }
 
-/** Draw a path on top of a chart, within its plotting area. @param {Plot} u @param {number[]} times @param {number[]} values @param {() => void} paint */
+/**
+ * Draw a path on top of a chart, within its plotting area.
+ * @param {Plot} u
+ * @param {number[]} times
+ * @param {number[]} values
+ * @param {() => void} paint
+ */
 function drawPath({ ctx, bbox, valToPos }, times, values, paint) {
   ctx.save();
   ctx.beginPath();
   ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
   ctx.clip();
   ctx.beginPath();
-  times.forEach((time, i) => ctx.lineTo(valToPos(time, "x", true), valToPos(values[i], "y", true)));
+  times.forEach((time, i) => ctx.lineTo(
+      valToPos(time, "x", true), valToPos(values[i], "y", true)));
   paint();
   ctx.restore();
 }
@@ -214,19 +287,32 @@ export function drawLine(u, times, values, stroke = INK, width = 2, dash = DASHE
   });
 }
 
-/** Shade so many standard deviations about a prediction that tells them. @param {Plot} u @param {Ahead} ahead @param {string} key @param {number} sigmas */
+/**
+ * Shade so many standard deviations about a prediction that tells them.
+ * @param {Plot} u
+ * @param {Ahead} ahead
+ * @param {string} key
+ * @param {number} sigmas
+ */
 export function drawBand(u, { time_s: times, ...ahead }, key, sigmas) {
   const values = ahead[key] ?? [];
   const deviations = ahead[`${key}:deviation`] ?? [];
   if (deviations.length !== times.length || values.length !== times.length) return;
-  const edge = (/** @type {number} */ sign) => values.map((value, i) => value + sign * sigmas * deviations[i]);
+  const edge = (/** @type {number} */ sign) =>
+      values.map((value, i) => value + sign * sigmas * deviations[i]);
   drawPath(u, [...times, ...[...times].reverse()], [...edge(1), ...edge(-1).reverse()], () => {
     u.ctx.fillStyle = BAND;
     u.ctx.fill();
   });
 }
 
-/** Draw an upright line at a time. @param {Plot} u @param {number} time @param {string} stroke @param {number[]} dash */
+/**
+ * Draw an upright line at a time.
+ * @param {Plot} u
+ * @param {number} time
+ * @param {string} stroke
+ * @param {number[]} dash
+ */
 export function drawTime(u, time, stroke, dash = []) {
   drawLine(u, [time, time], [u.scales.y.min ?? 0, u.scales.y.max ?? 0], stroke, 1, dash);
 }

@@ -1,4 +1,5 @@
-// Dead man's switch of the page: a veil that the compositor draws by itself when this script stops resetting it.
+// Dead man's switch of the page: a veil that the compositor draws by itself when this script
+// stops resetting it.
 import { byId, setText } from "./dom.js";
 import { clock } from "./format.js";
 
@@ -9,7 +10,8 @@ export class Veil {
     this.veil = byId("veil");
     this.text = byId("veil-text");
     // An animation of the opacity runs on even while the page's script hangs.
-    this.animation = this.veil.animate({ opacity: [0, 0, 1], offset: [0, 0.999, 1] }, { duration: HOLD_MS, fill: "forwards" });
+    this.animation = this.veil.animate({ opacity: [0, 0, 1], offset: [0, 0.999, 1] },
+        { duration: HOLD_MS, fill: "forwards" });
   }
 
   /** News of `serverS`: lift the veil and wind the clock up again. */
