@@ -21,7 +21,7 @@ import pandas as pd
 
 from fsw_analysis.phase_kpi import compute
 from fsw_campaign.definition import load
-from fsw_campaign.programme_signals import with_programme
+from fsw_campaign.welds import with_programme
 from fsw_control import weld
 from fsw_control.weld import TICK_S
 from fsw_identification.heat_learning import learn

@@ -24,7 +24,7 @@ import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +99,7 @@ def trial(graph: FaultyGraph, random_: random.Random) -> Row:
 
 
 def run(
-    parts: dict[str, str], folder: Path, trials: int, seed: int, tell: Callable[[], None]
+    parts: Sequence[str], folder: Path, trials: int, seed: int, tell: Callable[[], None]
 ) -> tuple[list[Row], Row]:
     """All trials of one graph, and what its bags say."""
     random_, rows = random.Random(seed), []
@@ -257,7 +257,7 @@ def main() -> int:
             done += 1
             bar(done / (2 * trials))
 
-        def work(name: str, parts: dict[str, str], seed: int) -> None:
+        def work(name: str, parts: Sequence[str], seed: int) -> None:
             results[name] = run(parts, folder / name, trials, seed, tell)
 
         sides = [("plant", EMULATOR, arguments.seed), ("machine", MACHINE, arguments.seed + 1)]

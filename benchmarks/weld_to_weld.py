@@ -16,7 +16,7 @@ from identification import SPANS
 
 from controller_comparison.processes import random_factors
 from fsw.welds import Weld
-from fsw_identification.prior import STEP
+from fsw_identification.problem import STEP
 from fsw_identification.summary import STRANGE
 from fsw_lab.identify import identify
 from fsw_model import nominal

@@ -41,11 +41,12 @@ LIMITS = {"function": 60, "class": 250, "file": 400}
 SHORT = 60
 #: short for a reason: what tools demand by name, thin nodes beside pure cores, a node's
 #: parameters, a study's command, scripts; and entry points, so that a command loads only what it
-#: needs
+#: needs; and controllers that a study names as MODULE:CLASS, as a user names his own
 _MAY_BE_SHORT = re.compile(
     r"(^|/)(__init__|setup|parameters|conftest|command)\.py$|_(ros|node)\.py$|^(scripts|examples)/"
 )
 _ENTRY_POINT = re.compile(r'^\S+ = "([\w.]+)(?::\S+)?"$', re.MULTILINE)
+_OWN_CONTROLLER = re.compile(r': "(\w+\.\w+):[A-Z]\w+",$', re.MULTILINE)
 #: mode of a symbolic link in a tree of git
 _LINK = "120000"
 _NO_CODE = {
@@ -109,11 +110,17 @@ def short_modules() -> list[str]:
         for path in projects
         for name in _ENTRY_POINT.findall(path.read_text("utf-8"))
     }
+    modules = {name: text for name, text in sources("") if name.endswith(".py")}
+    entries |= {
+        name.replace(".", "/")
+        for path, text in modules.items()
+        if "/studies/" in path
+        for name in _OWN_CONTROLLER.findall(text)
+    }
     return [
         name
-        for name, text in sources("")
-        if name.endswith(".py")
-        and not _MAY_BE_SHORT.search(name)
+        for name, text in modules.items()
+        if not _MAY_BE_SHORT.search(name)
         and "/".join(Path(name).with_suffix("").parts[2:]) not in entries
         and code_lines(text) < SHORT
     ]

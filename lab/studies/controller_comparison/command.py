@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from controller_comparison import figures, other_models, report, sensing, study
+from controller_comparison import figures, report, sensing, study
 from controller_comparison.optimum import bounds
 from controller_comparison.processes import SWEEP
 from fsw_analysis.report import numbers as in_lines
@@ -81,7 +81,7 @@ def main() -> int:
     models = out / "other_models.json"
     if arguments.models > 0 and not arguments.page:
         models.write_text(
-            json.dumps(other_models.study(arguments.models), indent=1) + "\n", encoding="utf-8"
+            json.dumps(study.other_models(arguments.models), indent=1) + "\n", encoding="utf-8"
         )
     data = json.loads(numbers.read_text(encoding="utf-8"))
     draw(data, out)

@@ -11,7 +11,7 @@ import yaml
 
 from fsw_analysis.procedure import Procedure
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_campaign.programme_signals import progress
+from fsw_campaign.welds import progress
 from fsw_control.journal import RequestKind
 from fsw_control.parameters import validate
 from fsw_control.schema.files import replacing
