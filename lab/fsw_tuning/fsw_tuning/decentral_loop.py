@@ -229,8 +229,8 @@ def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str,
     """Errors of a set of gains in the standard events, noise-free; units in the names.
 
     Integrals of the absolute error (iae) of a whole run and of the output that an event is about;
-    peaks of the other output; total variation of the inputs; ``unsettled_c``, the largest
-    temperature error in the last 10 s of a run, which reveals an oscillating loop.
+    peaks of the temperature in steps of the depth; ``unsettled_c``, the largest temperature error
+    in the last 10 s of a run, which reveals an oscillating loop.
 
     Raises
     ------
@@ -269,10 +269,5 @@ def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str,
         "depth_up_peak_c": float(temperature[steps["z up"]].max()),
         "depth_down_peak_c": float(temperature[steps["z down"]].max()),
         "depth_disturbance_peak_c": float(temperature_off[offs["dz"]].max()),
-        "temperature_steps_peak_mm": float(
-            max(depth[steps["T up"]].max(), depth[steps["T down"]].max())
-        ),
-        "variation_force_kn": float(np.abs(np.diff(tracked[:, 2])).sum()),
-        "variation_speed_rpm": float(np.abs(np.diff(tracked[:, 3])).sum()),
         "unsettled_c": float(max(temperature[-100:].max(), temperature_off[-100:].max())),
     }
