@@ -114,6 +114,14 @@ def records(table: Any) -> list[Figures]:
     return rows
 
 
+def each(function: Callable[[Any], Any], tasks: Iterable[Any], name: str = "") -> list[Any]:
+    """Results of a function of each task, on all cores, with the progress on standard error."""
+    from fsw_tuning.standard_runs import on_all_cores  # of the environment
+
+    jobs = list(tasks)
+    return counted(on_all_cores(function, jobs), jobs, name)
+
+
 def counted(results: Iterable[Any], jobs: Sequence[Any], name: str = "") -> list[Any]:
     """All results, with the progress on standard error."""
     kept = []

@@ -165,6 +165,8 @@ def _errors(
     commands: FloatArray, acting: FloatArray, dead: int, lags_s: FloatArray, steps: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Sum of the squared errors of a drive's feedback with its best gain and offset; the gain."""
+    # Gain and offset are linear: the least squares over them follow from three sums, so that all
+    # lags and rates of the grid are simulated together, tick by tick, and nothing else is kept.
     around, acting = commands.mean(), acting[_SETTLING_TICKS:]
     acting = acting - acting.mean()  # as the offset, so that only the gain is left
     total, squares, products = np.zeros((3, lags_s.size, steps.size))

@@ -204,7 +204,7 @@ def test_benchmark_of_learned_heat_has_figures_and_a_page_of_all_its_welds(monke
     profiles = {(kind, n): profile for kind in (0, 1, 2, 3) for n in numbers}
     monkeypatch.setattr(heat, "measured", made)
     monkeypatch.setattr(
-        heat, "on_all_cores", lambda function, jobs: (function(job) for job in jobs)
+        heat._benchmark, "each", lambda function, jobs, name="": [function(job) for job in jobs]
     )
     monkeypatch.setattr(heat, "MEASURED", (500,))
     monkeypatch.setattr(
