@@ -2,10 +2,10 @@
 
 Processor time of its server, and how old a tick is when it is seen.
 
-Plant, both controllers, supervisor and the page's server run as processes in real time. The
-viewers are websockets in this process, and one is a browser, whose trends get 45 minutes of the
-past. A tick's age is from its stamp, at which the plant measures, to its arrival here, and in the
-browser to the first frame drawn with it.
+Plant, both controllers, supervisor, an idle scenario player and the page's server run as processes
+in real time. The viewers are websockets in this process, and one is a browser, whose trends get
+45 minutes of the past. A tick's age is from its stamp, at which the plant measures, to its arrival
+here, and in the browser to the first frame drawn with it.
 """
 
 from __future__ import annotations

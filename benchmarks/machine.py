@@ -2,9 +2,9 @@
 
 From a new value of the cycle counter to the set-point that answers it.
 
-Supervisor, NMPC, decentralized controller, gateway and machine run as processes. Times are the
-machine's own, from writing the counter to the heartbeat of the command; the cycles' intervals show
-whether 10 Hz was held.
+Supervisor, both controllers, an idle scenario player, gateway and machine run as processes. Times
+are the machine's own, from writing the counter to the heartbeat of the command; the cycles'
+intervals show whether 10 Hz was held.
 """
 
 from __future__ import annotations
