@@ -58,12 +58,11 @@ def save(figures: Mapping[str, Any], path: Path | None) -> None:
         path.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
 
 
-def publish(page: str, content: Mapping[str, Any]) -> None:
-    """Write a page of results by the template of the same name."""
+def rendered(page: str, content: Mapping[str, Any]) -> str:
+    """A page of results by the template of the same name."""
     from fsw_analysis.report import templates
 
-    template = templates(HERE).get_template(f"{page.replace('-', '_')}.md.j2")
-    (RESULTS / f"{page}.md").write_text(template.render(content), encoding="utf-8")
+    return templates(HERE).get_template(f"{page.replace('-', '_')}.md.j2").render(content)
 
 
 def run(
@@ -90,7 +89,7 @@ def run(
     show(figures, aims, sign)
     save(figures, file)
     if page and content and not chosen["quick"]:
-        publish(page, content)
+        (RESULTS / f"{page}.md").write_text(rendered(page, content), encoding="utf-8")
     return figures
 
 
@@ -115,6 +114,14 @@ def records(table: Any) -> list[Figures]:
     return rows
 
 
+def each(function: Callable[[Any], Any], tasks: Iterable[Any], name: str = "") -> list[Any]:
+    """Results of a function of each task, on all cores, with the progress on standard error."""
+    from fsw_tuning.standard_runs import on_all_cores  # of the environment
+
+    jobs = list(tasks)
+    return counted(on_all_cores(function, jobs), jobs, name)
+
+
 def counted(results: Iterable[Any], jobs: Sequence[Any], name: str = "") -> list[Any]:
     """All results, with the progress on standard error."""
     kept = []
@@ -123,6 +130,14 @@ def counted(results: Iterable[Any], jobs: Sequence[Any], name: str = "") -> list
         print(f"\r{name} {len(kept)} of {len(jobs)}", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return kept
+
+
+def percentiles(name: str, values: Sequence[float], unit: str = "ms") -> Figures:
+    """Median, 99th percentile and largest of values."""
+    import numpy as np  # of the environment
+
+    shares = {"p50": 0.5, "p99": 0.99, "max": 1.0}
+    return {f"{name}_{word}_{unit}": float(np.quantile(values, of)) for word, of in shares.items()}
 
 
 def processor_s(process: int) -> float:

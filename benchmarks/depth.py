@@ -13,7 +13,6 @@ from __future__ import annotations
 import json
 import math
 import tempfile
-from collections.abc import Sequence
 from itertools import product
 from math import pi
 from pathlib import Path
@@ -37,7 +36,6 @@ from fsw_plant.parameters import Tool
 from fsw_scenario import scenario_file
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
-from fsw_tuning.standard_runs import on_all_cores
 
 #: first machine (a seed) that is measured
 FIRST = 5000
@@ -337,16 +335,17 @@ def tables_of(size: Size, folder: str) -> dict[str, Any]:
         Case(FIRST + 100 + k, 1, FAULTY_S, fault=fault, channel=channel)
         for k, (_, fault, channel) in enumerate(kinds)
     ]
-    tables["by_channel"] = _all(faulty, cases)
+    tables["by_channel"] = _benchmark.each(faulty, cases, "faults:")
     tables["faults"] = by_fault(tables["by_channel"])
     tables["bounds"] = {
         f"{rate:g}": {name: least_delay_s(name, rate) for name in CHANNELS} for rate in DRIFTS
     }
     slips = product(range(size.near), (*SLIPS, *SHARES), DEPTH_CHANNELS)
     near = [near_edge(FIRST + 3000 + k, *slip) for k, (_, *slip) in enumerate(slips)]
-    rows = tables["edges_by_channel"] = _all(faulty, near)
+    rows = tables["edges_by_channel"] = _benchmark.each(faulty, near, "near an edge:")
     tables["edges"] = by_fault(rows)
-    sound = _all(faulty, [Case(FIRST + 1000 + k, 1, size.seconds) for k in range(size.sound)])
+    cases = [Case(FIRST + 1000 + k, 1, size.seconds) for k in range(size.sound)]
+    sound = _benchmark.each(faulty, cases, "sound:")
     tables["sound"] = {
         "welds": len(sound),
         "seconds": size.seconds,
@@ -358,12 +357,9 @@ def tables_of(size: Size, folder: str) -> dict[str, Any]:
         (folder, FIRST + machine, controller, source, size.seconds)
         for machine, controller, source in product(range(size.machines), CONTROLLERS, (ONE, FOUR))
     ]
-    tables["accuracy"] = by_source([row for rows in _all(accuracy, tasks) for row in rows])
+    welds = _benchmark.each(accuracy, tasks, "accuracy:")
+    tables["accuracy"] = by_source([row for rows in welds for row in rows])
     return tables
-
-
-def _all(function: Any, tasks: Sequence[Any]) -> list[Any]:
-    return _benchmark.counted(on_all_cores(function, tasks), tasks, f"{function.__name__}:")
 
 
 def draw(rows: list[dict[str, Any]], file: Path) -> None:

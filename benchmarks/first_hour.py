@@ -16,7 +16,6 @@ import json
 import os
 import re
 import resource
-import shlex
 import subprocess
 import tempfile
 import time
@@ -28,9 +27,9 @@ from typing import Any
 import _benchmark
 import yaml
 
-from fsw_analysis.report import numbers, templates
+from fsw_analysis.report import numbers
 
-PAGE = _benchmark.RESULTS / "first-hour.md"
+PAGE = "first-hour"
 TOOLS: dict[str, Any] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text("utf-8"))
 OURS = "fsw"
 MODULES = {"do-mpc": "do_mpc", "python-control": "control", "GEKKO": "gekko", OURS: OURS}
@@ -182,12 +181,12 @@ def _has(text: str, word: str) -> bool:
     return bool(re.search(rf"(?<!\w){re.escape(word)}(?!\w)", text, re.IGNORECASE))
 
 
-def measure(name: str, folder: Path, clones: Path) -> dict[str, Any]:
+def measured(name: str, folder: Path) -> dict[str, Any]:
     """All steps with a tool."""
     tool, environment = TOOLS[name], Environment(name, folder)
     (folder / name).mkdir()
     figures: dict[str, Any] = environment.install()
-    example, commit = example_of(name, clones)
+    example, commit = example_of(name, folder)
     figures["commit"] = commit
     module = MODULES[name]
     _, done = environment.run(
@@ -253,36 +252,26 @@ def _verdict(said: Mapping[str, Any]) -> str:
     return ", ".join(parts) or "an error that names neither"
 
 
-def page(figures: Mapping[str, Mapping[str, Any]]) -> str:
-    """The page."""
-    template = templates(Path(__file__).parent).get_template("first_hour.md.j2")
+def content_of(figures: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Content of the page."""
     examples = {
         name: f"{tool['repository']}, `{tool['example']}`, {figures[name]['commit']}"
         for name, tool in TOOLS.items()
         if tool["repository"]
     }
-    return template.render(
-        rows=rows(figures), mistakes=mistakes(figures), lost=lost(figures), examples=examples
-    )
+    tables = {"rows": rows(figures), "mistakes": mistakes(figures), "lost": lost(figures)}
+    return {**tables, "examples": examples}
 
 
-def main() -> None:
-    """Measure, print, write JSON, page and its numbers."""
-    chosen = _benchmark.parser(__doc__, "this project alone, no page").parse_args()
-    with tempfile.TemporaryDirectory() as text:
-        folder = Path(text)
-        names = [OURS] if chosen.quick else list(TOOLS)
-        figures = {name: measure(name, folder, folder) for name in names}
-    for name, of in figures.items():
-        print(f"\n{name}")
-        _benchmark.show({key: value for key, value in of.items() if key != "mistakes"})
-        for title, said in of["mistakes"].items():
-            print(f"  {title}: {_verdict(said)}; {shlex.quote(said['text'])}")
-    _benchmark.save(figures, chosen.json)
-    if not chosen.quick:
-        PAGE.with_name(f"{PAGE.stem}_tables.json").write_text(numbers(figures), "utf-8")
-        PAGE.write_text(page(figures), "utf-8")
+def measure(quick: bool) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Figures of all tools, and the content of the page; writes the page's numbers."""
+    with tempfile.TemporaryDirectory() as folder:
+        figures = {name: measured(name, Path(folder)) for name in ([OURS] if quick else TOOLS)}
+    if quick:
+        return _benchmark.flat(figures), {}
+    (_benchmark.RESULTS / f"{PAGE}_tables.json").write_text(numbers(figures), "utf-8")
+    return _benchmark.flat(figures), content_of(figures)
 
 
 if __name__ == "__main__":
-    main()
+    _benchmark.run(__doc__, "this project alone, no page", measure, PAGE)

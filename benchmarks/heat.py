@@ -21,7 +21,7 @@ import pandas as pd
 
 from fsw_analysis.phase_kpi import compute
 from fsw_campaign.definition import load
-from fsw_campaign.programme_signals import with_programme
+from fsw_campaign.welds import with_programme
 from fsw_control import weld
 from fsw_control.weld import TICK_S
 from fsw_identification.heat_learning import learn
@@ -33,7 +33,6 @@ from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make_all
 from fsw_scenario.weld_programme import spans
 from fsw_tuning.standard_cases import cut_joint_line
-from fsw_tuning.standard_runs import on_all_cores
 
 #: welds of the campaign whose wall, rim and lid, and whose machine and tool, the types have; no
 #: two have the same walls, rims and lids
@@ -241,7 +240,7 @@ def profiles_of(kinds, whole, folder):
     chosen = (None, *TAUGHT)
     tasks = [Task(kind, canister, "nmpc:default") for kind in kinds for canister in chosen]
     tasks += [Task(0, TAUGHT[0], "nmpc:default", WHOLE_DEG)] if whole else []
-    signals = list(on_all_cores(taught, tasks))
+    signals = _benchmark.each(taught, tasks, "taught:")
     known = partial(learn, drive_lag_s=Actuators().lag_s)
     profiles, models = {}, {}
     for i, kind in enumerate(kinds):
@@ -344,7 +343,7 @@ def welded(quick, minutes):
     rows = []
 
     def weld_all(tasks):
-        made = [row for of_weld in on_all_cores(measured, list(tasks)) for row in of_weld]
+        made = [row for of_weld in _benchmark.each(measured, tasks) for row in of_weld]
         rows.extend(made)
         return made
 

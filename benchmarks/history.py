@@ -18,19 +18,16 @@ from pathlib import Path
 import _benchmark
 import numpy as np
 import pyarrow as pa
-import yaml
 
-from fsw_control.schema.files import replacing
+import fsw
+from fsw_control.schema.files import write_whole
 from fsw_quality import history, history_report
 from fsw_quality.control_charts import FALSE_SIGNALS, WELDS, chart
 from fsw_quality.history_report import CHARTED, LIMITS
 from fsw_quality.monitor import Monitor
 from fsw_quality.monitor_run import watch
-from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.controllers import make_all, name_of
-from fsw_scenario.scenario_file import parse
+from fsw_scenario.controllers import name_of
 from fsw_test_support.made_history import rows
-from fsw_tuning.standard_runs import on_all_cores
 
 FIGURE = _benchmark.WORKSPACE / "docs" / "figures" / "history.png"
 #: emulated welds of each controller, and the folder that keeps their rows
@@ -59,7 +56,6 @@ def emulated(label, folder, seed):
     content = {
         "name": "history",
         "duration_s": 240.0,
-        "controller": name_of(label),
         "plant": {
             "seed": seed,
             "factors": {name: float(random.normal(1.0, SPREAD)) for name in MODEL},
@@ -70,11 +66,9 @@ def emulated(label, folder, seed):
             {"at_s": 170.0, "reference": {"temperature_c": 826.4}},
         ],
     }
-    scenario = parse(yaml.safe_dump(content), "benchmark")
-    signals = ClosedLoop(scenario, make_all(scenario, label, {})).run()
+    signals = fsw.simulate(content, label).signals
     row = history.row(f"{label} {seed}", signals, watch(Monitor("paper"), signals), {})
-    with replacing(file) as scratch:
-        scratch.write_text(json.dumps(row), encoding="utf-8")
+    write_whole(file, json.dumps(row))
     return row
 
 
@@ -151,7 +145,7 @@ def of_emulated(count, folder, histories):
     folder.mkdir(parents=True, exist_ok=True)
     for label in CONTROLLERS:
         seeds = range(1, count + 1)
-        made[label] = welds = list(on_all_cores(partial(emulated, label, folder), seeds))
+        made[label] = welds = _benchmark.each(partial(emulated, label, folder), seeds, label)
         random, name = np.random.default_rng(45), name_of(label)
         table = {column: np.array([weld[column] for weld in welds]) for column in CHARTED}
 

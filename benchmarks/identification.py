@@ -13,7 +13,6 @@ is correlated or a thermocouple that lags.
 usage: identification.py [--quick] [--part PART ...] [--json FILE]
 """
 
-import json
 import os
 import resource
 import statistics
@@ -24,9 +23,9 @@ from typing import NamedTuple
 import _benchmark
 import numpy as np
 import pandas as pd
-import yaml
 from identification_welds import MIXED, disturbance, noisy, welded
 
+import fsw
 from controller_comparison.processes import RANDOM, SENSING, random_factors
 from fsw_campaign.definition import load
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
@@ -37,10 +36,7 @@ from fsw_identification.summary import Summary, disturbances
 from fsw_identification.weld_data import prepare
 from fsw_model import nominal
 from fsw_plant.parameters import Actuators
-from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.controllers import make
-from fsw_scenario.scenario_file import content_of, parse, text_of
-from fsw_tuning.standard_runs import on_all_cores
+from fsw_scenario.scenario_file import content_of, text_of
 
 #: largest medians of the relative errors, in percent; of the dead time in s
 AIMS = {
@@ -88,7 +84,7 @@ class Run(NamedTuple):
 def identified(job):
     """Weld and identify one plant."""
     index, factors, event, name = job
-    signals = welded(name, {"seed": index + 1, **factors}, event)
+    signals = welded(name, {"seed": index + 1, **factors}, event).signals
     began = time.process_time()
     fit = identify(prepare(signals, Actuators().lag_s).segments)
     seconds = time.process_time() - began
@@ -143,15 +139,10 @@ def coverage_of(every, by_name):
     return figures | {"inside_95_percent": percent(every.deviations <= _95)}
 
 
-def results_of(name, function, jobs):
-    """Results of all jobs, on all cores, with the progress."""
-    return _benchmark.counted(on_all_cores(function, jobs), jobs, f"{name}:")
-
-
 def of_undisturbed(drawn):
     """Errors and coverage of all intervals on undisturbed welds of five minutes."""
     jobs = [(i, factors, None, EXPERIMENT) for i, factors in enumerate(drawn)]
-    runs = results_of("undisturbed", identified, jobs)
+    runs = _benchmark.each(identified, jobs, "undisturbed:")
     every, by_name = estimates_of(runs)
     result = {"plants": len(runs), "cpus": os.cpu_count(), **coverage_of(every, by_name)}
     for name, own in by_name.items():
@@ -177,7 +168,8 @@ def of_disturbed(drawn):
     events = [disturbance(index) for index in range(len(drawn))]
     jobs = [(i, drawn[i], events[i], EXPERIMENT) for i in range(len(drawn))]
     rows = []
-    for run, event in zip(results_of("disturbed", identified, jobs), events, strict=True):
+    runs = _benchmark.each(identified, jobs, "disturbed:")
+    for run, event in zip(runs, events, strict=True):
         off = {
             name: abs(run.errors[name]) / run.deviations[name]
             for name in AIMS
@@ -206,7 +198,7 @@ def of_disturbed(drawn):
 def of_whole_welds(drawn):
     """Coverage of all intervals and errors of the depth gain on welds of 45 minutes."""
     jobs = [(i, factors, None, WHOLE_WELD) for i, factors in enumerate(drawn)]
-    runs = results_of("whole weld", identified, jobs)
+    runs = _benchmark.each(identified, jobs, "whole weld:")
     every, by_name = estimates_of(runs)
     figures = coverage_of(every, by_name) | {
         "welds": len(runs),
@@ -223,7 +215,7 @@ def of_whole_welds(drawn):
 
 def of_foreign(drawn):
     """Canisters on which the identified model predicts better than the paper's; ratios of RMS."""
-    runs = results_of("canister", foreign, range(len(drawn)))
+    runs = _benchmark.each(foreign, range(len(drawn)), "canister:")
     figures = {"canisters": len(runs), **compared(runs)}
     return {f"foreign_{key}": value for key, value in figures.items()}
 
@@ -245,20 +237,15 @@ def foreign(index):
 
     Identified model over the paper's.
     """
-    overrides = [
-        f"{name}={json.dumps(of)}" for name, of in load("canisters").parameters(index).items()
-    ]
+    changes = load("canisters").parameters(index)
     heat = content_of(text_of("identify_heat"))
     other = content_of(text_of(EXPERIMENT)) | {"plant": heat["plant"]}
     welds = [
-        ClosedLoop(
-            parse(yaml.safe_dump(content), "foreign", [*overrides, *more]),
-            {"decentral": make("decentral:conservative")},
-        )
-        for content, more in ((heat, [f"plant.seed={index + 1}"]), (other, ["plant.noise=false"]))
+        fsw.simulate(content, "decentral:conservative", changes=changes | more)
+        for content, more in ((heat, {"plant.seed": index + 1}), (other, {"plant.noise": False}))
     ]
     lag_s = Actuators().lag_s
-    taught, judged = (prepare(weld.run(), lag_s).segments for weld in welds)
+    taught, judged = (prepare(weld.signals, lag_s).segments for weld in welds)
     free, steady = (
         over_the_papers(judged, identify(taught, steady=how), SETTLED_TICKS)
         for how in (False, True)
@@ -277,7 +264,8 @@ def of_sensors(drawn):
     """Coverage of intervals with other sensors; errors of predictions over the paper's model's."""
     result = {}
     for kind in KINDS:
-        runs = results_of(kind, sensed, [(i, factors, kind) for i, factors in enumerate(drawn)])
+        jobs = [(i, factors, kind) for i, factors in enumerate(drawn)]
+        runs = _benchmark.each(sensed, jobs, f"{kind}:")
         every, by_name = estimates_of(runs)
         correlations_s = zip(*(run.correlation_s for run in runs), strict=True)
         figures = coverage_of(every, by_name) | {
@@ -325,15 +313,15 @@ def sensed(job):
     if kind == DISTURBED:
         sensors, event = SENSING["correlated 1 s"], disturbance(index)
     noise = {"noise": False} if kind in MIXED else {}
-    taught = prepare(
-        welded(EXPERIMENT, {"seed": index + 1, **factors, **sensors, **noise}, event), lag_s
-    ).segments
+    weld = welded(EXPERIMENT, {"seed": index + 1, **factors, **sensors, **noise}, event)
+    taught = prepare(weld.signals, lag_s).segments
     if kind in MIXED:
         taught = [noisy(segment, MIXED[kind], index) for segment in taught]
     began = time.process_time()
     fit = identify(taught)
     seconds = time.process_time() - began
-    judged = prepare(welded(JUDGE, {"noise": False, **factors, **sensors}), lag_s).segments
+    judge = welded(JUDGE, {"noise": False, **factors, **sensors})
+    judged = prepare(judge.signals, lag_s).segments
     return Run(
         *errors_of(fit, factors),
         seconds,

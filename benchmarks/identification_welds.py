@@ -3,20 +3,17 @@
 With random events, and with noise of other colours.
 """
 
-import json
 import random
 from dataclasses import replace
 
 import numpy as np
 import scipy
-import yaml
 
+import fsw
 from fsw_control.parameters import describe
 from fsw_identification.statistics import autocorrelation_of
 from fsw_plant.parameters import PlantParameters
-from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.controllers import make
-from fsw_scenario.scenario_file import content_of, parse, text_of
+from fsw_scenario.scenario_file import content_of, text_of
 
 #: smallest and largest amplitudes of disturbances, and of sensor faults (a drift: per second)
 AMPLITUDES = {
@@ -56,13 +53,11 @@ def disturbance(index):
 
 
 def welded(name, plant, event=None):
-    """Signals of a closed-loop weld with these parameters of the plant."""
-    overrides = [f"plant.{name}={json.dumps(of)}" for name, of in plant.items()]
+    """A closed-loop weld with these parameters of the plant."""
     content = content_of(text_of(name))
     if event is not None:
         content["events"] = sorted([*content["events"], event], key=lambda entry: entry["at_s"])
-    scenario = parse(yaml.safe_dump(content), name, overrides)
-    return ClosedLoop(scenario, {"decentral": make("decentral:conservative")}).run()
+    return fsw.simulate(content, "decentral:conservative", plant=plant)
 
 
 def noisy(segment, correlations_s, seed):

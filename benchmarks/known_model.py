@@ -17,17 +17,15 @@ import numpy as np
 import yaml
 from identification_welds import welded
 
+import fsw
 from controller_comparison.processes import random_factors
-from fsw.welds import Weld
 from fsw_control import Command
 from fsw_control.weld import TICK_S
-from fsw_lab.identify import identify
 from fsw_model import nominal
 from fsw_plant import PlantConfig
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make
 from fsw_tuning.standard_cases import CASES, DEFAULT, scenario
-from fsw_tuning.standard_runs import on_all_cores
 
 #: random ones, of a seed that no tuning and no other page has; the first of them also change
 PLANTS, CHANGING, SEED = 8, 2, 4711
@@ -158,7 +156,7 @@ def figures_of(signals, begin_s):
 def measured(task):
     """Figures by change, model and case."""
     plant = {"seed": task.index + 1, **task.factors}
-    known = identify(Weld("identified", welded("identify_closed_loop", plant))).parameters
+    known = fsw.identify(welded("identify_closed_loop", plant)).parameters
     factors = {name.removeprefix("factors."): of for name, of in task.factors.items()}
     models = {
         "paper's": nominal(),
@@ -216,7 +214,7 @@ def measure(quick):
     """Figures, and the content of the page."""
     plants = random_factors(2 if quick else PLANTS, seed=SEED)
     tasks = [Task(i, factors) for i, factors in enumerate(plants)]
-    table = table_of(_benchmark.counted(on_all_cores(measured, tasks), tasks))
+    table = table_of(_benchmark.each(measured, tasks, "plants:"))
     figures = {
         (*names, key): dict(zip(("median", "worst"), both, strict=True))
         for names, of in table.items()

@@ -2,9 +2,9 @@
 
 From a new value of the cycle counter to the set-point that answers it.
 
-Supervisor, NMPC, decentralized controller, gateway and machine run as processes. Times are the
-machine's own, from writing the counter to the heartbeat of the command; the cycles' intervals show
-whether 10 Hz was held.
+Supervisor, both controllers, an idle scenario player, gateway and machine run as processes. Times
+are the machine's own, from writing the counter to the heartbeat of the command; the cycles'
+intervals show whether 10 Hz was held.
 """
 
 from __future__ import annotations
@@ -32,16 +32,11 @@ from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.free_domain import free_domain
 from fsw_control.topics_ros import LATCHED
 from fsw_msgs.msg import WeldReference
+from fsw_scenario.graph import WeldGraph
 from fsw_scenario.launcher import Launcher
 from fsw_test_support import machine_server
 from fsw_test_support.waiting import wait_for_text
 
-NODES = {
-    "gateway": "fsw_machine.machine_node",
-    "nmpc": "fsw_nmpc.nmpc_node",
-    "decentral": "fsw_decentral.decentral_node",
-    "supervisor": "fsw_supervisor.supervisor_node",
-}
 #: cycles that do not count: while everything starts, and while it ends
 WARM_UP, AT_THE_END = 50, 30
 
@@ -86,13 +81,17 @@ def measure(cycles: int, secure: bool) -> _benchmark.Figures:
         file, report = machine_file(folder, secure), folder / "report.json"
         options = ["--machine-file", str(file), "--report", str(report)]
         options += ["--server-key", str(folder / "server_key.pem")] if secure else []
-        launcher.start("machine", machine_server.__name__, options)
-        wait_for_text(launcher, "machine", "machine serves")
-        for name, module in NODES.items():
-            settings = {"gateway": f"machine_file:={file}", "supervisor": "controller:=nmpc"}.get(
-                name
-            )
-            launcher.start(name, module, ["--ros-args", "-p", settings] if settings else [])
+        launcher.start("plc", machine_server.__name__, options)
+        wait_for_text(launcher, "plc", "machine serves")
+        WeldGraph(
+            None,
+            folder,
+            ("nmpc", "decentral"),
+            realtime=True,
+            record=False,
+            machine=True,
+            derived={"fsw_machine": {"machine_file": str(file)}},
+        ).start(launcher)
         wait_for_text(launcher, "supervisor", r"-> auto \(nmpc\)")
         before = {
             name: _benchmark.processor_s(child.process.pid)
@@ -108,22 +107,20 @@ def measure(cycles: int, secure: bool) -> _benchmark.Figures:
         launcher.stop()
         measured = json.loads(report.read_text(encoding="utf-8"))
     window = slice(-cycles - AT_THE_END, -AT_THE_END)
-    latencies_ms = sorted(
+    latencies_ms = [
         1e3 * latency_s for latency_s in measured["latencies_s"][window] if latency_s is not None
-    )
+    ]
     intervals_ms = [1e3 * (b - a) for a, b in pairwise(measured["begun_s"][window])]
-    off_ms = sorted(abs(interval_ms - 1e3 * weld.TICK_S) for interval_ms in intervals_ms)
+    off_ms = [abs(interval_ms - 1e3 * weld.TICK_S) for interval_ms in intervals_ms]
     kind = "secure" if secure else "plain"
     figures: _benchmark.Figures = {
         "cycles": len(intervals_ms) + 1,
         "cycles_without_a_command": cycles - len(latencies_ms),
         "cycle_mean_ms": statistics.mean(intervals_ms),
-        "cycle_off_p99_ms": off_ms[int(0.99 * len(off_ms))],
-        "latency_p50_ms": statistics.median(latencies_ms),
-        "latency_p99_ms": latencies_ms[int(0.99 * len(latencies_ms))],
-        "latency_max_ms": latencies_ms[-1],
-        "gateway_processor_percent": 100.0 * used["gateway"] / took_s,
-        "machine_processor_percent": 100.0 * used["machine"] / took_s,
+        **_benchmark.percentiles("cycle_off", off_ms),
+        **_benchmark.percentiles("latency", latencies_ms),
+        "gateway_processor_percent": 100.0 * used["machine"] / took_s,
+        "machine_processor_percent": 100.0 * used["plc"] / took_s,
     }
     return {f"{kind}_{name}": value for name, value in figures.items()}
 

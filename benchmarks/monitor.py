@@ -24,7 +24,6 @@ from fsw_quality.diagnosis import Estimate, WatchCause
 from fsw_quality.likelihood import default_covariance
 from fsw_quality.monitor import ALARM, LASTS_S, SMOOTHED_S, Monitor
 from fsw_quality.monitor_run import watch
-from fsw_tuning.standard_runs import on_all_cores
 
 #: seeds of the welds without a fault, of each fault, and of one that an aim is for by its size
 HEALTHY, FAULTY, AIMED = range(7050, 7100), range(2000, 2003), range(2000, 2006)
@@ -132,7 +131,7 @@ def level():
     of them together; maxima of many dependent values tend to such a distribution (Gumbel,
     Statistics of Extremes, 1958).
     """
-    maxima = list(on_all_cores(largest, list(product(PROCESSES, CALIBRATING))))
+    maxima = _benchmark.each(largest, product(PROCESSES, CALIBRATING), "welds:")
     fitted = scipy.stats.gumbel_r(*scipy.stats.gumbel_r.fit(maxima))
     return {
         "welds": len(maxima),
@@ -264,7 +263,7 @@ def measure(quick, calibrate):
     if calibrate:
         return level(), {}
     tasks = planned(quick)
-    return content_of(_benchmark.counted(on_all_cores(judged, tasks), tasks, "welds:"))
+    return content_of(_benchmark.each(judged, tasks, "welds:"))
 
 
 def content_of(rows):

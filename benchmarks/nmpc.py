@@ -189,10 +189,7 @@ def step_times(quick: bool) -> _benchmark.Figures:
         _, cpu_s = close_loop(
             controller, lambda t: reference_at(t, WELD_S / duration_s), duration_s, noise=1.0
         )
-        cpu_ms = 1e3 * cpu_s[10:]
-        figures[f"{name}_p50_ms"] = float(np.median(cpu_ms))
-        figures[f"{name}_p99_ms"] = float(np.quantile(cpu_ms, 0.99))
-        figures[f"{name}_max_ms"] = float(cpu_ms.max())
+        figures |= _benchmark.percentiles(name, 1e3 * cpu_s[10:])
         figures[f"{name}_failures"] = controller.library.output.bad_cycles
     return figures
 

@@ -26,7 +26,7 @@ from fsw_tuning.standard_cases import (
     SMITH,
     TIGHT,
 )
-from fsw_tuning.standard_runs import Job, on_all_cores, weld
+from fsw_tuning.standard_runs import Job, weld
 
 #: time after an event that is judged: until the next one
 AFTER_S = 40.0
@@ -157,7 +157,7 @@ def run(label: str, parameters: dict[str, str]) -> dict[str, float]:
 def measure(quick: bool) -> tuple[_benchmark.Figures, Mapping[str, object]]:
     """Figures, and the content of the page."""
     labels = ("nmpc:paper", DEFAULT, CONSERVATIVE) if quick else LABELS
-    numbers = dict(zip(labels, on_all_cores(measured, labels), strict=True))
+    numbers = dict(zip(labels, _benchmark.each(measured, labels, "controllers:"), strict=True))
     judged = {label: answers(own, numbers[CONSERVATIVE]) for label, own in numbers.items()}
     flat = _benchmark.flat({label: numbers[label] | judged[label] for label in labels})
     return flat, globals() | {"numbers": numbers, "judged": judged}

@@ -23,12 +23,13 @@ import sys
 import tempfile
 import threading
 import time
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import isnan
 from pathlib import Path
 from typing import Any
 
-from _benchmark import RESULTS, Figures, parser, save, show  # isort: skip
+from _benchmark import RESULTS, Figures, parser, records, save, show  # isort: skip
+import pandas as pd
 from random_faults_graph import EMULATOR, MACHINE, FaultyGraph
 
 from fsw.console import ProgressBar
@@ -99,7 +100,7 @@ def trial(graph: FaultyGraph, random_: random.Random) -> Row:
 
 
 def run(
-    parts: dict[str, str], folder: Path, trials: int, seed: int, tell: Callable[[], None]
+    parts: Sequence[str], folder: Path, trials: int, seed: int, tell: Callable[[], None]
 ) -> tuple[list[Row], Row]:
     """All trials of one graph, and what its bags say."""
     random_, rows = random.Random(seed), []
@@ -126,62 +127,56 @@ def run(
     }
 
 
+def _middle(values: pd.Series) -> Any:
+    """Median; of two in the middle the larger."""
+    return values.quantile(0.5, "higher")
+
+
 def by_fault(rows: list[Row]) -> list[Row]:
     """One row per kind of fault and part."""
-    faults = []
-    for fault in sorted({row["fault"] for row in rows}):
-        trials = [row for row in rows if row["fault"] == fault]
-        times = sorted(row["recovery_s"] for row in trials if row["recovered"])
-        lost = sorted(row["ticks_without_command"] for row in trials)
-        largest = ("longest_gap_s", "command_moves", "acting_moves")
-        faults.append(
-            {
-                "fault": fault,
-                "trials": len(trials),
-                "recovered": len(times),
-                "recovery_median_s": times[len(times) // 2] if times else None,
-                "recovery_largest_s": times[-1] if times else None,
-                "ticks_without_command_median": lost[len(lost) // 2],
-                "ticks_without_command_largest": lost[-1],
-                **{key: max(row[key] for row in trials) for key in largest},
-                "safe_stops": sum(row["safe_stops"] for row in trials),
-            }
-        )
-    return faults
+    trials = pd.DataFrame(rows).astype({"recovery_s": float}).groupby("fault")
+    faults = trials.agg(
+        trials=("recovered", "size"),
+        recovered=("recovered", "sum"),
+        recovery_median_s=("recovery_s", _middle),
+        recovery_largest_s=("recovery_s", "max"),
+        ticks_without_command_median=("ticks_without_command", _middle),
+        ticks_without_command_largest=("ticks_without_command", "max"),
+        **{key: (key, "max") for key in ("longest_gap_s", "command_moves", "acting_moves")},
+        safe_stops=("safe_stops", "sum"),
+    )
+    return records(faults.reset_index())
 
 
 def summary(faults: dict[str, list[Row]]) -> str:
     """The worst of each kind of fault in each graph, as Markdown."""
-    columns = (
-        "graph",
-        "fault",
-        "trials",
-        "recovered",
-        "longest recovery [s]",
-        "most ticks without a command",
-        "longest time without a tick [s]",
-        "largest distance of a command from the actual values [moves]",
-        "safe stops",
-    )
-    cells: list[tuple[object, ...]] = [columns]
+    columns = {  # title, statistic over the parts, and format, by name in the rows
+        "trials": ("trials", "sum", ".0f"),
+        "recovered": ("recovered", "sum", ".0f"),
+        "recovery_largest_s": ("longest recovery [s]", "max", ".1f"),
+        "ticks_without_command_largest": ("most ticks without a command", "max", ".0f"),
+        "longest_gap_s": ("longest time without a tick [s]", "max", ".1f"),
+        "command_moves": (
+            "largest distance of a command from the actual values [moves]",
+            "max",
+            ".2f",
+        ),
+        "safe_stops": ("safe stops", "sum", ".0f"),
+    }
+    titles, statistics, formats = zip(*columns.values(), strict=True)
+    cells: list[tuple[object, ...]] = [("graph", "fault", *titles)]
     for graph, title in TITLES.items():
-        of_kind: dict[str, list[Row]] = {}
-        for row in faults[graph]:
-            of_kind.setdefault(row["fault"].split()[0], []).append(row)
-        for kind, rows in of_kind.items():
-            times = [row["recovery_largest_s"] for row in rows if row["recovered"]]
-            cells.append(
-                (
-                    title,
-                    kind,
-                    *(sum(row[key] for row in rows) for key in ("trials", "recovered")),
-                    f"{max(times):.1f}" if times else "–",
-                    max(row["ticks_without_command_largest"] for row in rows),
-                    f"{max(row['longest_gap_s'] for row in rows):.1f}",
-                    f"{max(row['command_moves'] for row in rows):.2f}",
-                    sum(row["safe_stops"] for row in rows),
-                )
+        parts = pd.DataFrame(faults[graph])
+        kinds = parts.groupby(parts.fault.str.split().str[0])[list(columns)]
+        worst = kinds.agg(dict(zip(columns, statistics, strict=True))).astype(float)
+        cells += [
+            (
+                title,
+                kind,
+                *("–" if isnan(x) else f"{x:{f}}" for x, f in zip(row, formats, strict=True)),
             )
+            for kind, *row in worst.itertuples()
+        ]
     return table(cells, words=2)
 
 
@@ -211,23 +206,17 @@ set-points that the machine accepted was {figures["machine_largest_move_taken"]:
 
 def figures_of(name: str, rows: list[Row], bags: Row) -> Figures:
     """The figures of one graph."""
-    times = sorted(row["recovery_s"] for row in rows if row["recovered"])
-    totals: Counter[str] = Counter()
-    for row in rows:
-        totals.update(
-            {
-                key: row[key]
-                for key in ("ticks", "ticks_without_command", "safe_stops", "operator_requests")
-            }
-        )
+    trials = pd.DataFrame(rows).astype({"recovery_s": float})
+    totals = trials[["ticks", "ticks_without_command", "safe_stops", "operator_requests"]].sum()
+    times_s = trials.recovery_s.dropna()
     figures = {
         "trials": len(rows),
-        "without_recovery": sum(not row["recovered"] for row in rows),
-        "recovery_median_s": times[len(times) // 2] if times else None,
-        "recovery_largest_s": times[-1] if times else None,
+        "without_recovery": int((~trials.recovered).sum()),
+        "recovery_median_s": _middle(times_s) if len(times_s) else None,
+        "recovery_largest_s": times_s.max() if len(times_s) else None,
         "largest_distance_of_a_command_in_moves": max(row["command_moves"] for row in rows),
         "largest_change_of_what_acts_in_moves": max(row["acting_moves"] for row in rows),
-        **totals,
+        **totals.to_dict(),
         **bags,
     }
     return {f"{name}_{key}": value for key, value in figures.items()}
@@ -257,7 +246,7 @@ def main() -> int:
             done += 1
             bar(done / (2 * trials))
 
-        def work(name: str, parts: dict[str, str], seed: int) -> None:
+        def work(name: str, parts: Sequence[str], seed: int) -> None:
             results[name] = run(parts, folder / name, trials, seed, tell)
 
         sides = [("plant", EMULATOR, arguments.seed), ("machine", MACHINE, arguments.seed + 1)]

@@ -6,15 +6,15 @@ import os
 import re
 import signal
 import time
-from collections.abc import Callable
-from math import inf
+from collections.abc import Callable, Sequence
+from math import inf, nan
 from pathlib import Path
+from typing import Any
 from urllib.error import URLError
 from urllib.request import urlopen
 
 import rclpy
-from random_faults_floods import nonsense
-from random_faults_observer import HEALTHY_TICKS, Observer
+from random_faults_observer import HEALTHY_TICKS, SOURCE, Observer
 from rclpy.context import Context
 
 from fsw_control import messages_ros as convert
@@ -22,28 +22,23 @@ from fsw_control import weld
 from fsw_control.contract import Reference
 from fsw_control.fast_dds import stay_on_this_machine
 from fsw_control.topics_ros import LATCHED
-from fsw_msgs.msg import WeldReference
+from fsw_control.units import NANOSECONDS
+from fsw_msgs.msg import ShoulderDepth, WeldCommand, WeldReference
 from fsw_recorder.bag_reader import BagReader
 from fsw_recorder.errors import BagError
 from fsw_scenario.launcher import Launcher
+from fsw_test_support import machine_server
 from fsw_test_support.machine import Proxy, free_port, write_machine_file
-from fsw_test_support.machine_server import MACHINE_FILE
 from fsw_test_support.ros_graph import Spinner
 
-_CONTROL = {
-    "nmpc": "fsw_nmpc.nmpc_node",
-    "decentral": "fsw_decentral.decentral_node",
-    "supervisor": "fsw_supervisor.supervisor_node",
-    "standby": "fsw_supervisor.supervisor_node",
-    "recorder": "fsw_recorder.recorder_node",
-    "page": "fsw_hmi.main",
-}
-#: by part, the module whose ``main`` it is
-EMULATOR = {"plant": "fsw_plant.plant_node", **_CONTROL}
-MACHINE = {
-    "machine": "fsw_test_support.machine_server",
-    "gateway": "fsw_machine.machine_node",
-    **_CONTROL,
+_CONTROL = ("nmpc", "decentral", "supervisor", "standby", "recorder", "page")
+#: parts of a graph; nodes are named as their entry points, except those below
+EMULATOR, MACHINE = ("plant", *_CONTROL), ("machine", "gateway", *_CONTROL)
+_PROGRAMS = {
+    "machine": machine_server.__name__,
+    "gateway": "machine",
+    "standby": "supervisor",
+    "page": "hmi",
 }
 SUPERVISOR = (
     "controller:=nmpc",
@@ -61,6 +56,42 @@ RESPAWN_S = 0.5
 #: the machine's clock is stepped by this, and back
 CLOCK_STEP_S = 300.0
 _FLOOD_PER_SPIN = 40
+#: values and offsets of stamps that a stranger on the network may send
+_BAD = (nan, inf, -1e300, 1e12, 0.0, -5.0, 78.4e3, 42.0)
+_OFFSETS_S = (0, 3600, -3600, 10**6)
+
+
+def nonsense(newest_ns: int) -> dict[str, tuple[Any, str, Callable[[int], Any]]]:
+    """By name, type and topic, and what makes message number k.
+
+    ``newest_ns`` is the stamp of the newest tick.
+    """
+
+    def stamped(message: Any, number: int) -> Any:
+        stamp_ns = newest_ns + _OFFSETS_S[number % 4] * NANOSECONDS
+        message.header.stamp = convert.stamp_from_ns(max(0, stamp_ns))
+        message.header.frame_id = SOURCE
+        return message
+
+    def commanded(number: int) -> WeldCommand:
+        force_n, speed_rad_s = _BAD[number % 8], _BAD[(number // 8) % 8]
+        message = WeldCommand(
+            axial_force=force_n, spindle_speed=speed_rad_s, source=SOURCE, healthy=True
+        )
+        return stamped(message, number)
+
+    def measured(number: int) -> ShoulderDepth:
+        return stamped(ShoulderDepth(depth=_BAD[number % 8]), 1 + number % 3)
+
+    def referred(number: int) -> WeldReference:
+        return WeldReference(depth=_BAD[number % 8], temperature=_BAD[(number // 8) % 8])
+
+    return {
+        "depth": (ShoulderDepth, "fsw/depth", measured),
+        "proposal": (WeldCommand, "fsw/nmpc/proposal", commanded),
+        "command": (WeldCommand, "fsw/command", commanded),
+        "reference": (WeldReference, "fsw/reference", referred),
+    }
 
 
 def bags_in(folder: Path) -> dict[str, int]:
@@ -105,7 +136,7 @@ class FaultyGraph(Spinner):
 
     Parameters
     ----------
-    parts : dict of str to str
+    parts : sequence of str
         ``EMULATOR`` or ``MACHINE``.
     folder : Path
         Gets logs and bags.
@@ -117,10 +148,10 @@ class FaultyGraph(Spinner):
         What is seen of the weld.
     """
 
-    def __init__(self, parts: dict[str, str], folder: Path, domain: int) -> None:
-        self.parts, self.has_machine = tuple(parts), "machine" in parts
+    def __init__(self, parts: Sequence[str], folder: Path, domain: int) -> None:
+        self.parts, self.has_machine = parts, "machine" in parts
         self.floods = ("depth", "proposal", "command", "reference", "page")
-        self._modules, self._folder = parts, folder
+        self._folder = folder
         self._launcher = Launcher(folder / "log", domain)
         self._context = Context()
         stay_on_this_machine(os.environ)
@@ -140,7 +171,7 @@ class FaultyGraph(Spinner):
     def __enter__(self) -> FaultyGraph:
         self._folder.mkdir(parents=True, exist_ok=True)
         if self.has_machine:
-            text = MACHINE_FILE.read_text(encoding="utf-8")
+            text = machine_server.MACHINE_FILE.read_text(encoding="utf-8")
             port = free_port()
             self._server_file = write_machine_file(self._folder / "server.yaml", port, text)
             self._proxy = Proxy(port)
@@ -184,7 +215,7 @@ class FaultyGraph(Spinner):
                 *(word for setting in settings for word in ("-p", setting)),
                 *rename,
             ]
-        self._launcher.start(name, self._modules[name], arguments)
+        self._launcher.start(name, _PROGRAMS.get(name, name), arguments)
 
     def signal(self, name: str, number: int) -> None:
         """Send a signal to a part that runs."""

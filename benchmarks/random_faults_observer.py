@@ -6,7 +6,6 @@ import time
 from collections import deque
 from typing import Any
 
-from random_faults_floods import SOURCE
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -21,6 +20,8 @@ from fsw_test_support.machine_server import moves_between
 
 #: ticks in a row with a controller's command, after which the graph counts as healthy
 HEALTHY_TICKS = 20
+#: marks a flood's messages, which must not be taken for the weld's
+SOURCE = "flood"
 _DEEP = QoSProfile(depth=2000)
 _TICK_NS = round(weld.TICK_S * NANOSECONDS)
 

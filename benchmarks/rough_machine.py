@@ -17,14 +17,13 @@ import _benchmark
 import numpy as np
 from identification_welds import welded
 
+import fsw
 from controller_comparison.processes import random_factors
-from fsw.welds import Weld
 from fsw_analysis.kpi import compute
-from fsw_lab.identify import identify
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make, name_of
 from fsw_tuning.standard_cases import CASES, CONSERVATIVE, DEFAULT, TIGHT, scenario
-from fsw_tuning.standard_runs import JUDGED, on_all_cores
+from fsw_tuning.standard_runs import JUDGED
 
 #: a third of the rates that the controllers take the drives to have
 SLOW = {"limits.force_rate_kn_per_s": 10.0 / 3.0, "limits.speed_rate_rpm_per_s": 10.0}
@@ -86,7 +85,7 @@ def figures_of(label, case, plant, parameters, silent):
 def measured(task):
     """Judged figures of the controllers on a machine."""
     plant = {"seed": task.index + 1, **task.factors, **KINDS[task.kind]}
-    known = identify(Weld("identified", welded("identify_closed_loop", plant)))
+    known = fsw.identify(welded("identify_closed_loop", plant))
     row = {"task": task, "machine": known.machine}
     with tempfile.TemporaryDirectory() as folder:
         model, machine = Path(folder) / "model.yaml", Path(folder) / "machine.yaml"
@@ -135,7 +134,7 @@ def measure(quick):
     kinds = ("noise × 4", "drives a third as fast") if quick else KINDS
     plants = random_factors(1 if quick else PLANTS)
     tasks = [Task(kind, i, factors) for kind in kinds for i, factors in enumerate(plants)]
-    table = figures(list(on_all_cores(measured, tasks)))
+    table = figures(_benchmark.each(measured, tasks, "machines:"))
     flat = {
         f"{kind}: {name}: {key}": value[1] if isinstance(value, tuple) else value
         for (kind, name), values in table.items()

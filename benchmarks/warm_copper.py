@@ -4,7 +4,6 @@
 usage: warm_copper.py [--quick] [--json FILE]
 """
 
-import copy
 import tempfile
 from pathlib import Path
 
@@ -12,12 +11,8 @@ import _benchmark
 import numpy as np
 from heat import campaign
 
-from fsw.welds import Weld
+import fsw
 from fsw_control.weld import TICK_S
-from fsw_lab.identify import identify
-from fsw_scenario import scenario_file
-from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.controllers import make_all
 from fsw_tuning.standard_cases import (
     CASES,
     CONSERVATIVE,
@@ -28,7 +23,6 @@ from fsw_tuning.standard_cases import (
     TIGHT,
     events,
 )
-from fsw_tuning.standard_runs import on_all_cores
 
 #: canisters of the campaign that no other benchmark welds
 CANISTERS = range(600, 620)
@@ -50,28 +44,21 @@ FIGURES = {
 }
 
 
-def on_canister(content, index, **changes):
-    """The scenario of a file's content on a canister of the campaign."""
-    for path, value in (campaign().parameters(index) | changes).items():
-        scenario_file.put(content, path, value, content["name"])
-    return scenario_file.read(content, content["name"])
-
-
-def case_on(index, case, controller):
-    """A case of the comparison on a canister that has been welded for a while."""
+def weld(index, case, label, parameters):
+    """Signals of a case of the comparison on a canister that has been welded for a while."""
     rest = {"depth_mm": REST.depth_mm, "temperature_c": REST.temperature_c}
     content = {
         "name": case,
-        "controller": controller,
         "duration_s": WARM_S + DURATION_S[case],
-        "plant": copy.deepcopy(campaign().scenario["plant"]),
+        "plant": campaign().scenario["plant"],
         "events": [
             {"at_s": 1.0, "reference": rest},
             *events(case, WARM_S),
         ],
     }
     warm = {"plant.tool.axial_mm": AXIAL_MM, "plant.start.temperature_c": START_C}
-    return on_canister(content, index, **warm)
+    changes = campaign().parameters(index) | warm
+    return fsw.simulate(content, label, parameters=parameters, changes=changes).signals
 
 
 def errors(signals):
@@ -83,10 +70,8 @@ def errors(signals):
 
 def model_of(index):
     """Model file as ``fsw.py identify`` makes it of the experiment on that canister."""
-    content = scenario_file.content_of(scenario_file.text_of("identify_heat"), "identify_heat")
-    scenario = on_canister(content, index)
-    signals = ClosedLoop(scenario, make_all(scenario, scenario.controller, {})).run()
-    return identify(Weld("experiment", signals)).text
+    experiment = fsw.simulate("identify_heat", changes=campaign().parameters(index))
+    return fsw.identify(experiment).text
 
 
 def figures_of(index):
@@ -97,21 +82,17 @@ def figures_of(index):
         model.write_text(model_of(index), encoding="utf-8")
         for title in CONTROLLERS:
             label = title.partition(",")[0]
-            name = label.partition(":")[0]
             own = {IDENTIFIED: {"model_file": str(model)}, CALMER: CALM}.get(title)
-            known = {name: own} if own else {}
             of[title] = {}
             for case in CASES:
-                scenario = case_on(index, case, name)
-                signals = ClosedLoop(scenario, make_all(scenario, label, known)).run()
-                of[title][case], of[title][LATER] = errors(signals)
+                of[title][case], of[title][LATER] = errors(weld(index, case, label, own))
     return of
 
 
 def measure(quick):
     """Figures of all canisters, and the content of the page."""
     canisters = CANISTERS[:1] if quick else CANISTERS
-    rows = _benchmark.counted(on_all_cores(figures_of, canisters), canisters, "canisters:")
+    rows = _benchmark.each(figures_of, canisters, "canisters:")
     figures = {
         f"{title}: {figure}: {word}": float(of([row[title][figure] for row in rows]))
         for title in CONTROLLERS

@@ -11,20 +11,15 @@ little.
 
 import _benchmark
 import numpy as np
-import yaml
 from identification import SPANS
 
+import fsw
 from controller_comparison.processes import random_factors
-from fsw.welds import Weld
-from fsw_identification.prior import STEP
+from fsw_identification.problem import STEP
 from fsw_identification.summary import STRANGE
-from fsw_lab.identify import identify
 from fsw_model import nominal
-from fsw_scenario.closed_loop import ClosedLoop
-from fsw_scenario.controllers import make
-from fsw_scenario.scenario_file import content_of, parse, text_of
+from fsw_scenario.scenario_file import content_of, text_of
 from fsw_tuning.standard_cases import cut_joint_line
-from fsw_tuning.standard_runs import on_all_cores
 
 MACHINES, WELDS, SEED = 8, 8, 1947  #: of a seed that nothing else has
 AFTER = (1, 2, 4, 8)  #: welds, of which the page has the errors
@@ -44,7 +39,7 @@ _95 = 1.96
 
 
 def ordinary(model, seed):
-    """Signals of ``canister_weld`` with a short joint line, on a process of these parameters."""
+    """``canister_weld`` with a short joint line, on a process of these parameters."""
     content = content_of(text_of("canister_weld"))
     cut_joint_line(content, END_DEG)
     factors = {
@@ -52,8 +47,7 @@ def ordinary(model, seed):
         for name in (key.removeprefix("factors.") for key in SPANS)
     }
     content["plant"] = {"seed": seed, **factors}
-    scenario = parse(yaml.safe_dump(content), "ordinary")
-    return ClosedLoop(scenario, {"decentral": make("decentral:conservative")}).run()
+    return fsw.simulate(content, "decentral:conservative")
 
 
 def series(job):
@@ -67,8 +61,8 @@ def series(job):
     truth = nominal().scaled(**dict(zip(names, factors.values(), strict=True)))
     model, prior, rows, strange = None, None, [], 0
     for weld in range(WELDS):
-        signals = ordinary(truth, 100 * index + weld)
-        estimate = identify(Weld("weld", signals), start=model, prior=prior)
+        welded = ordinary(truth, 100 * index + weld)
+        estimate = fsw.identify(welded, start=model, prior=prior)
         fit = estimate.fit
         rows.append(
             {
@@ -83,7 +77,7 @@ def series(job):
         model, prior = estimate.parameters, estimate.covariance
         steps = np.exp(STEP * generator.standard_normal(len(names)))
         truth = truth.scaled(**dict(zip(names, map(float, steps), strict=True)))
-    return rows, strange, float(signals.time_s[-1]) / 60.0
+    return rows, strange, float(welded.signals.time_s[-1]) / 60.0
 
 
 def figures(runs):
@@ -114,7 +108,7 @@ def figures(runs):
 def measure(quick):
     """Figures, and the content of the page."""
     drawn = random_factors(1 if quick else MACHINES, SPANS, seed=SEED)
-    errors = figures(list(on_all_cores(series, list(enumerate(drawn)))))
+    errors = figures(_benchmark.each(series, enumerate(drawn), "machines:"))
     return errors, globals() | {"figures": errors}
 
 

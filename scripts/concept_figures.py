@@ -11,7 +11,7 @@ import numpy as np
 from fsw_analysis.figure_style import CONTROLLERS, OTHERS, label_time, legend_below, sheet
 from fsw_analysis.figures import Run, page
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_campaign.programme_signals import with_programme
+from fsw_campaign.welds import with_programme
 from fsw_control.contract import Command, Measurement, Proposal, Reference
 from fsw_identification.heat_learning import learn
 from fsw_lab.learn_command import model_text

@@ -40,17 +40,15 @@ BUDGETS = {
 LIMITS = {"function": 60, "class": 250, "file": 400}
 SHORT = 60
 #: short for a reason: what tools demand by name, thin nodes beside pure cores, a node's
-#: parameters, a study's command, scripts; what is run by ``python -m``; entry points and the
-#: modules of ``import fsw``, so that a command or a user's controller loads only what it needs; and
-#: leaves, which import only the standard library, so that every program can import them before and
-#: without the rest
+#: parameters, a study's command, scripts
 _MAY_BE_SHORT = re.compile(
     r"(^|/)(__init__|setup|parameters|conftest|command)\.py$"
     r"|_(ros|node)\.py$|^(scripts|examples)/"
 )
+#: and what is loaded by its name, so that a program loads only what it needs: entry points, names
+#: of ``import fsw``, controllers as MODULE:CLASS, what ``python -m`` runs
+_NAME = re.compile(r'"([\w.]+)(?::\w+)?"')
 _RUN_BY_NAME = 'if __name__ == "__main__":'
-_ENTRY_POINT = re.compile(r'^\S+ = "([\w.]+)(?::\S+)?"$', re.MULTILINE)
-_OF_IMPORT_FSW = re.compile(r'^    "([\w.]+)": \("', re.MULTILINE)
 #: mode of a symbolic link in a tree of git
 _LINK = "120000"
 _NO_CODE = {
@@ -109,27 +107,25 @@ def excesses(name: str, text: str) -> Iterator[tuple[int, str]]:
 def short_modules() -> list[str]:
     """Modules of fewer than ``SHORT`` lines for which no rule gives a reason."""
     projects = [*WORKSPACE.glob("pyproject.toml"), *WORKSPACE.glob("*/pyproject.toml")]
-    entries = {
-        name.replace(".", "/")
-        for path in projects
-        for name in _ENTRY_POINT.findall(path.read_text("utf-8"))
-    }
-    api = (WORKSPACE / "src/fsw/fsw/__init__.py").read_text("utf-8")
-    entries |= {name.replace(".", "/") for name in _OF_IMPORT_FSW.findall(api)}
+    modules = {name: text for name, text in sources("") if name.endswith(".py")}
+    texts = [*(path.read_text("utf-8") for path in projects), *modules.values()]
+    by_name = {name.replace(".", "/") for text in texts for name in _NAME.findall(text)}
     return [
         name
-        for name, text in sources("")
-        if name.endswith(".py")
-        and not _MAY_BE_SHORT.search(name)
+        for name, text in modules.items()
+        if not _MAY_BE_SHORT.search(name)
         and _RUN_BY_NAME not in text
-        and "/".join(Path(name).with_suffix("").parts[2:]) not in entries
+        and "/".join(Path(name).with_suffix("").parts[2:]) not in by_name
         and code_lines(text) < SHORT
         and not _is_leaf(text)
     ]
 
 
 def _is_leaf(text: str) -> bool:
-    """Whether a module imports only the standard library."""
+    """Whether a module imports only the standard library.
+
+    Every program can import it before and without the rest.
+    """
     imports = [
         node.module or "" if isinstance(node, ast.ImportFrom) else node.names[0].name
         for node in ast.parse(text).body

@@ -470,9 +470,11 @@ def test_rows_of_the_results_are_copied_and_a_missing_one_is_reported(
 def test_page_of_the_first_hour_follows_from_its_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(WORKSPACE / "benchmarks"))
     module = load("first_hour", "benchmarks")
-    numbers = module.PAGE.with_name("first-hour_tables.json")
+    folder = module._benchmark.RESULTS
+    numbers, page = (folder / name for name in ("first-hour_tables.json", "first-hour.md"))
     figures = json.loads(numbers.read_text(encoding="utf-8"))
-    assert module.page(figures) == module.PAGE.read_text(encoding="utf-8")
+    page_now = module._benchmark.rendered(module.PAGE, module.content_of(figures))
+    assert page_now == page.read_text(encoding="utf-8")
     figures["fsw"]["import_cpu_s"] = 99.0
     assert any(row.startswith("import: 99.0 s CPU") for row in module.lost(figures))
     notebook = {"cells": [

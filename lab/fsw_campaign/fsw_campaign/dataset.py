@@ -20,8 +20,7 @@ import yaml
 from fsw_analysis.kpi_table import ROWS
 from fsw_campaign import definition
 from fsw_campaign.definition import Campaign
-from fsw_campaign.software import versions
-from fsw_campaign.welds import Row
+from fsw_campaign.welds import Row, versions
 from fsw_control.schema.files import replacing, write_whole
 from fsw_control.schema.models import InputError, Model, content_of, read_text, validate
 

@@ -16,8 +16,7 @@ from distributed import Client, KilledWorker, LocalCluster, as_completed
 from distributed.comm import get_address_host_port
 
 from fsw_campaign.dataset import Dataset
-from fsw_campaign.software import versions
-from fsw_campaign.welds import ERROR, Row, run_batch
+from fsw_campaign.welds import ERROR, Row, run_batch, versions
 from fsw_control.schema.models import InputError
 
 #: time in which a scheduler and its first worker have to answer

@@ -1,30 +1,61 @@
-"""Runs welds of a campaign, in a worker."""
+"""Runs welds of a campaign, in a worker; and what a row says of the software that made it."""
 
 from __future__ import annotations
 
 import gc
+import hashlib
 import json
 import time
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from dataclasses import replace
+from functools import cache, lru_cache
+from importlib.metadata import PackageNotFoundError, version
+from platform import python_version
 from typing import Any
 
 import numpy as np
 
 from fsw_analysis.judgement import judge
 from fsw_analysis.kpi import compute
-from fsw_analysis.weld_signals import FloatArray, WeldSignals
+from fsw_analysis.weld_signals import FloatArray, WeldEvent, WeldSignals
 from fsw_campaign import definition
 from fsw_campaign.definition import ERRORS, Campaign, Entrant
-from fsw_campaign.programme_signals import with_programme
-from fsw_campaign.software import versions
 from fsw_control.contract import Controller
 from fsw_control.weld import TICK_S
+from fsw_recorder.recording import code_sha256
 from fsw_scenario.closed_loop import ClosedLoop
+from fsw_scenario.scenario import Scenario
+from fsw_scenario.weld_programme import READING_AGE_TICKS, PhaseMachine, Progress, State
 
 Row = dict[str, Any]
 #: possible outcomes of a weld
 OK, DIVERGED, ERROR = "ok", "diverged", "error"
+#: packages that compute and judge a weld
+PACKAGES = (
+    "fsw_model",
+    "fsw_control",
+    "fsw_nmpc",
+    "fsw_decentral",
+    "fsw_plant",
+    "fsw_supervisor",
+    "fsw_analysis",
+    "fsw_scenario",
+    "fsw_campaign",
+    "fsw_recorder",  # the last has the signatures
+)
+
+
+@cache
+def versions() -> str:
+    """Versions of packages, and a digest of the code that computes and judges a weld."""
+    try:
+        own = version("fsw-control")
+    except PackageNotFoundError:  # imported from the source tree
+        own = "source"
+    code = hashlib.sha256("".join(map(code_sha256, PACKAGES)).encode()).hexdigest()[:16]
+    parts = {"fsw_control": own, "code": code}
+    parts |= {name: version(name) for name in ("numpy", "casadi")} | {"python": python_version()}
+    return ", ".join(f"{name} {value}" for name, value in parts.items())
 
 
 @lru_cache(maxsize=2)
@@ -128,3 +159,33 @@ def _signal(signals: WeldSignals, name: str) -> FloatArray:
     reference = getattr(signals, f"reference_{ERRORS[name]}") if name in ERRORS else 0.0
     values: FloatArray = truth - reference
     return values
+
+
+def progress(scenario: Scenario, signals: WeldSignals) -> list[Progress]:
+    """Progress of the programme at each tick; the player gets thermocouple readings late."""
+    machine, reports = PhaseMachine(scenario.phases), []
+    shown = signals.temperature_c.tolist()
+    readings = [*shown[:1] * READING_AGE_TICKS, *shown]
+    for tick in range(1, signals.n_ticks + 1):
+        machine.follow(tick, readings[tick - 1])
+        reports.append(machine.progress())
+    return reports
+
+
+def with_programme(signals: WeldSignals, scenario: Scenario) -> WeldSignals:
+    """Signals with phases, positions and end of the weld as in a bag; unchanged without phases."""
+    if not scenario.phases or not signals.n_ticks:
+        return signals
+    reports = list(zip(signals.time_s.tolist(), progress(scenario, signals), strict=True))
+    phases = [(reports[0][1].phase, reports[0][0])]
+    for time_s, report in reports:
+        if report.phase != phases[-1][0]:
+            phases.append((report.phase, time_s))
+    events = [*signals.events, *(WeldEvent(time_s, "phase", name) for name, time_s in phases)]
+    done = [time_s for time_s, report in reports if report.state is State.DONE]
+    events += [WeldEvent(time_s, "weld", str(State.DONE)) for time_s in done[:1]]
+    events.sort(key=lambda event: event.time_s)
+    places = np.array([(report.angle_deg, report.length_mm) for _, report in reports])
+    return replace(
+        signals, phases=phases, angle_deg=places[:, 0], travel_mm=places[:, 1], events=events
+    )

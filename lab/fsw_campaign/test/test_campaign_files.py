@@ -15,7 +15,7 @@ import yaml
 pa = pytest.importorskip("pyarrow")
 
 from fsw_analysis.kpi import compute  # noqa: E402
-from fsw_campaign import dataset, definition, report, software  # noqa: E402
+from fsw_campaign import dataset, definition, report, welds  # noqa: E402
 from fsw_campaign.dataset import Dataset  # noqa: E402
 from fsw_campaign.definition import Bounds  # noqa: E402
 from fsw_campaign.distributions import Distribution, draw, weld_seed  # noqa: E402
@@ -336,10 +336,10 @@ def test_digest_covers_all_packages_that_compute_a_weld():
     ran = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     ).stdout.split()
-    decides = {str(path) for package in software.PACKAGES for path in code_files(package)}
+    decides = {str(path) for package in welds.PACKAGES for path in code_files(package)}
     assert {*ran} <= decides
 
 
 def test_versions_change_with_the_code(monkeypatch):
-    monkeypatch.setattr(software, "code_sha256", lambda package: "0" * 64)
-    assert software.versions.__wrapped__() != software.versions()
+    monkeypatch.setattr(welds, "code_sha256", lambda package: "0" * 64)
+    assert welds.versions.__wrapped__() != welds.versions()

@@ -16,10 +16,9 @@ from pathlib import Path
 from fsw_control.c_library import compiler, run_compiler
 from fsw_control.schema.files import set_aside
 from fsw_control.schema.models import InputError
-from fsw_export.choice import Choice
+from fsw_export.choice import Choice, render
 from fsw_export.sources import ControllerSources
 from fsw_export.targets import published
-from fsw_export.templates import render
 from fsw_export.vectors import VectorRecorder, csv_text, recorded
 
 _WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-pedantic", "-Werror")

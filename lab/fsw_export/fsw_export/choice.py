@@ -1,13 +1,15 @@
-"""Content of an export: a unit with its model, tuning and parameters."""
+"""What is exported: a unit with its model, tuning and parameters; and how its texts are made."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import inf
 from pathlib import Path
 from typing import Any
 
+from fsw_analysis.report import templates
 from fsw_control.schema.models import InputError, content_of, read_text
 from fsw_model import ModelParameters, ProcessModel, nominal
 
@@ -78,3 +80,21 @@ class Choice:
                 "e.g. depth_gain: 120.0"
             )
         return content
+
+
+def _c(value: Any) -> str:
+    """A number, an array of numbers or a struct of those as a C constant, exactly."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f".{name} = {_c(member)}" for name, member in value.items()) + "}"
+    if hasattr(value, "__len__"):
+        return "{" + ", ".join(map(_c, value)) + "}"
+    return {inf: "INFINITY", -inf: "-INFINITY"}.get(value) or repr(value)
+
+
+_ENVIRONMENT = templates("fsw_export")
+_ENVIRONMENT.filters["c"] = _c
+
+
+def render(template: str, **values: Any) -> str:
+    """Text of ``templates/<template>.j2``."""
+    return _ENVIRONMENT.get_template(f"{template}.j2").render(values)

@@ -12,11 +12,10 @@ from math import inf
 from fsw_control.parameters import describe, validate
 from fsw_decentral import DecentralController
 from fsw_decentral.parameters import DecentralParameters, Gains
-from fsw_export.choice import Choice
+from fsw_export.choice import Choice, render
 from fsw_export.fmu_description import Content, Variable, boolean, output, parameter, real, source
 from fsw_export.signals import Signal
 from fsw_export.sources import ControllerSources, sources_of
-from fsw_export.templates import render
 from fsw_model import ProcessModel
 from fsw_nmpc import NmpcController
 from fsw_nmpc.parameters import NmpcParameters

@@ -13,7 +13,7 @@ from pathlib import Path
 from fsw_control.parameters import ParameterSpec
 from fsw_control.units import RAD_PER_S_PER_RPM
 from fsw_control.weld import TICK_S
-from fsw_export.templates import render
+from fsw_export.choice import render
 
 #: unit: exponents of the base units of SI, and ``value in SI = factor * value + offset``
 UNITS: dict[str, dict[str, float]] = {

@@ -7,9 +7,8 @@ from types import MappingProxyType
 
 from fsw_control import weld
 from fsw_control.parameters import describe, require_known
-from fsw_export.choice import Choice
+from fsw_export.choice import Choice, render
 from fsw_export.fmu_description import Content, Variable, output, parameter, real, source
-from fsw_export.templates import render
 from fsw_model import ModelParameters
 from fsw_plant import PlantEmulator, config
 from fsw_plant.library import KERNEL, model_of

@@ -12,6 +12,7 @@ from typing import Any
 from fsw_control.c_library import CLibrary
 from fsw_decentral import DecentralController
 from fsw_decentral.controller import KERNEL as DECENTRAL
+from fsw_export.choice import render
 from fsw_export.signals import (
     DECENTRAL_INPUTS,
     DECENTRAL_OUTPUTS,
@@ -19,7 +20,6 @@ from fsw_export.signals import (
     NMPC_OUTPUTS,
     Signal,
 )
-from fsw_export.templates import render
 from fsw_nmpc import NmpcController
 from fsw_nmpc.library import KERNEL as NMPC
 from fsw_nmpc.library import Tables, tuning_of

@@ -8,7 +8,7 @@ from importlib import resources
 from typing import Any
 
 from fsw_control.parameters import defaults
-from fsw_export.templates import render
+from fsw_export.choice import render
 from fsw_nmpc.parameters import NmpcParameters
 
 _TITLES = {

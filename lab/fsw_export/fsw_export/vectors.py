@@ -10,10 +10,9 @@ from typing import Any
 
 from fsw_control.c_library import CController
 from fsw_control.schema.models import InputError
-from fsw_export.choice import Choice
+from fsw_export.choice import Choice, render
 from fsw_export.signals import Signal
 from fsw_export.sources import ControllerSources, sources_of
-from fsw_export.templates import render
 from fsw_model import OperatingPointError
 from fsw_scenario.closed_loop import ClosedLoop
 from fsw_scenario.controllers import make

@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from fsw_heat.cache import kept, projection_of
-from fsw_heat.copper import TYPICAL, Array
 from fsw_heat.elements import one_thread
-from fsw_heat.heat_model import Compact, CompactCanister
+from fsw_heat.heat_model import TYPICAL, Array, Compact, CompactCanister
 from fsw_heat.projection import Progress, Projection
 from fsw_plant.canister import CanisterParameters
 

@@ -1,6 +1,6 @@
 """Finite elements for one Fourier mode of the heat in the canister's end, by scikit-fem.
 
-The canister is a body of revolution and conduction is linear in theta (``copper.py``). So its
+The canister is a body of revolution and conduction is linear in theta (``heat_model.py``). So its
 Fourier modes around the circumference, ``theta = Re sum_m e_m theta_m(r, z) exp(i m angle)``, e_0
 = 1 and e_m = 2, do not act on each other, and each is a problem in (r, z): ``rho c mass theta_m' +
 (k stiffness(m) + h surface + h_c clamp) theta_m = load_m``. The moving tool only turns the phase
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from fsw_control.schema.extensions import Extra
 from fsw_control.schema.models import InputError
-from fsw_heat.copper import Array
+from fsw_heat.heat_model import Array
 from fsw_plant.canister import CanisterParameters
 
 EXTRA = Extra("fsw-lab", "canister", ("skfem", "meshio", "threadpoolctl"))

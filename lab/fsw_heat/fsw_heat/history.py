@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from fsw_heat.copper import Array
 from fsw_heat.elements import Elements, elements_of, extra
-from fsw_heat.heat_model import CanisterState
+from fsw_heat.heat_model import Array, CanisterState
 from fsw_heat.reduced import ReducedCanister
 
 #: states kept of a weld, one a second, for pictures and thermocouples

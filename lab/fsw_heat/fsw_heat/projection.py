@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fsw_heat.copper import TYPICAL, Array
 from fsw_heat.elements import Elements, elements_of, one_thread
+from fsw_heat.heat_model import TYPICAL, Array
 from fsw_plant.canister import CanisterParameters
 
 Progress = Callable[[float, str], None]

@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike
 
 from fsw_control.schema.models import InputError
 from fsw_heat.cache import projection_of
-from fsw_heat.copper import TYPICAL, Array
 from fsw_heat.elements import elements_of
-from fsw_heat.heat_model import CanisterState, Complex, HeatModel
+from fsw_heat.heat_model import TYPICAL, Array, CanisterState, Complex, HeatModel
 from fsw_heat.projection import Progress, Projection
 from fsw_plant.canister import CanisterParameters
 from fsw_plant.library import KERNEL

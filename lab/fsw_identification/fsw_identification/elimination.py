@@ -53,6 +53,8 @@ class Eliminated:
         """(k, p, 1 + border): knots by residuals and border, from back substitution."""
         width, (k, p) = len(self.border), self.shape
         values = np.zeros((k, p, width))
+        # from the last level back: the rows of a knot give it from its neighbours, which are knots
+        # of later levels and known by then
         for at, beside, rows in reversed(self.levels):
             n, m = at.shape[1] * p, beside.shape[1] * p
             known = rows[:, :, n : n + m] @ values[beside].reshape(len(at), m, width)

@@ -22,10 +22,8 @@ from fsw_identification.disturbed import (
     find_shifts,
     leave_out,
 )
-from fsw_identification.evidence import evidence, likely_colour, likely_lag
-from fsw_identification.prior import UNSEEN, Prior
-from fsw_identification.problem import NOISE_FLOOR, WALK, Problem, Shift
-from fsw_identification.robust import long_run_covariance
+from fsw_identification.evidence import evidence, likely_colour, likely_lag, long_run_covariance
+from fsw_identification.problem import NOISE_FLOOR, UNSEEN, WALK, Prior, Problem, Shift
 from fsw_identification.simulation import (
     CANDIDATES,
     DEPTH,

@@ -270,6 +270,8 @@ def _chosen(
     for quantity in (*_NEEDED, *_OPTIONAL):
         if quantity in chosen:
             continue
+        # The plain name first, then one with words that leave no doubt. Of several none is
+        # guessed: nobody would see a set-point that is taken for what was measured.
         exact = [header for header in headers if parsed[header][0] == quantity]
         sure = [header for header in headers if _is_surely(parsed[header][0], quantity)]
         known = [

@@ -117,6 +117,8 @@ def _thermal_modes(p: ModelParameters, lag_s: float) -> tuple[FloatArray, FloatA
         for other_s in lags_s[:2]:
             if abs(lags_s[2] - other_s) < _APART * other_s:
                 lags_s[2] = (1.0 + _APART) * other_s
+    # 1 / prod(1 + s lag) in partial fractions: a mode's gain is its lag to the power n - 1 over
+    # the product of its distances from the others; the diagonal leaves out the mode itself
     apart = lags_s[:, None] - lags_s + np.diag(np.ones(lags_s.size))
     return lags_s, np.asarray(
         p.thermal_gain_c_per_kw * lags_s ** (lags_s.size - 1) / apart.prod(axis=1)

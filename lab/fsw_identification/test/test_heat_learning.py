@@ -8,7 +8,7 @@ import pytest
 import yaml
 from scipy.signal import lfilter
 
-from fsw_campaign.programme_signals import with_programme
+from fsw_campaign.welds import with_programme
 from fsw_control.schema.models import InputError
 from fsw_identification.heat import (
     FAST_LAG_S,

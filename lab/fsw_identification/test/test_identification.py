@@ -17,11 +17,10 @@ from fsw_identification import (
     statistics,
     summary,
 )
+from fsw_identification.drives import from_air
 from fsw_identification.elimination import knots
-from fsw_identification.friction import from_air
-from fsw_identification.prior import Prior
-from fsw_identification.problem import HEAT, WALK, Problem
-from fsw_identification.robust import _WINDOW_TICKS, _long_run, long_run_covariance
+from fsw_identification.evidence import _WINDOW_TICKS, _long_run, long_run_covariance
+from fsw_identification.problem import HEAT, WALK, Prior, Problem
 from fsw_identification.simulation import (
     CANDIDATES,
     DEPTH,

@@ -14,9 +14,8 @@ from fsw.arguments import validated
 from fsw.welds import Weld, read_bag
 from fsw_control.schema.models import InputError
 from fsw_identification import estimation, summary
-from fsw_identification.drives import DriveRates, drive_rates
-from fsw_identification.friction import from_air
-from fsw_identification.prior import Prior
+from fsw_identification.drives import DriveRates, drive_rates, from_air
+from fsw_identification.problem import Prior
 from fsw_identification.read_table import read_table as table_signals
 from fsw_identification.summary import Summary
 from fsw_identification.weld_data import prepare

@@ -22,7 +22,6 @@ from fsw_decentral import DecentralController, Gains
 from fsw_model import (
     STEP_S,
     ModelParameters,
-    OperatingPointError,
     OutsideModelError,
     nominal,
 )
@@ -177,33 +176,10 @@ def _prediction(gains: Gains, back: Response, lag: Callable[[float], Response]) 
 def sensitivity(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
     """Peak of the sensitivity of the depth loop and of the temperature loop, the other one closed.
 
-    One whole tick of delay is added for transport and drives. Only of a stable loop; see
-    ``simulated_sensitivity``.
+    One whole tick of delay is added for transport and drives. Only of a stable loop.
     """
     by_frequency, _ = loop_response(gains, parameters or nominal(), _OMEGA)
     return float(np.abs(by_frequency[:, 0, 0]).max()), float(np.abs(by_frequency[:, 1, 1]).max())
-
-
-def simulated_sensitivity(
-    gains: Gains, parameters: ModelParameters | None = None
-) -> tuple[float, float]:
-    """The same by simulation: from the response to a tiny impulse on one sensor.
-
-    Inf if it does not die out.
-    """
-    # The impulse response of the closed loop is S itself: the peak of its Fourier transform is Ms.
-    peaks = []
-    for channel, size in enumerate((1e-5, 1e-4)):
-        pulse = np.zeros((3010, 3))
-        pulse[10, channel] = size
-        try:
-            rows = simulate(gains, pulse, None, parameters, latency_ticks=1)
-        except OperatingPointError:
-            return math.inf, math.inf
-        response = rows[10:, channel] - (REST.depth_mm, REST.temperature_c)[channel]
-        settled = np.abs(response[-500:]).max() < 1e-3 * size
-        peaks.append(float(np.abs(np.fft.rfft(response / size)).max()) if settled else math.inf)
-    return peaks[0], peaks[1]
 
 
 def noise_moves(gains: Gains, parameters: ModelParameters | None = None) -> tuple[float, float]:
@@ -229,8 +205,8 @@ def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str,
     """Errors of a set of gains in the standard events, noise-free; units in the names.
 
     Integrals of the absolute error (iae) of a whole run and of the output that an event is about;
-    peaks of the other output; total variation of the inputs; ``unsettled_c``, the largest
-    temperature error in the last 10 s of a run, which reveals an oscillating loop.
+    peaks of the temperature in steps of the depth; ``unsettled_c``, the largest temperature error
+    in the last 10 s of a run, which reveals an oscillating loop.
 
     Raises
     ------
@@ -269,10 +245,5 @@ def errors(gains: Gains, parameters: ModelParameters | None = None) -> dict[str,
         "depth_up_peak_c": float(temperature[steps["z up"]].max()),
         "depth_down_peak_c": float(temperature[steps["z down"]].max()),
         "depth_disturbance_peak_c": float(temperature_off[offs["dz"]].max()),
-        "temperature_steps_peak_mm": float(
-            max(depth[steps["T up"]].max(), depth[steps["T down"]].max())
-        ),
-        "variation_force_kn": float(np.abs(np.diff(tracked[:, 2])).sum()),
-        "variation_speed_rpm": float(np.abs(np.diff(tracked[:, 3])).sum()),
         "unsettled_c": float(max(temperature[-100:].max(), temperature_off[-100:].max())),
     }

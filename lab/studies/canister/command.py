@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from canister import report
-from canister.properties import properties
-from canister.validation import validation
+from canister.validation import properties, validation
 from fsw.console import ProgressBar
 from fsw_control.schema.models import InputError
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fsw_heat.copper import Kirchhoff
 from fsw_heat.elements import Elements, one_thread
+from fsw_heat.heat_model import Kirchhoff
 from fsw_heat.history import ToolCourse
 from fsw_plant.canister import STEFAN_BOLTZMANN, ZERO_C, CanisterParameters
 
@@ -33,7 +33,7 @@ _MOST_ITERATIONS = 60
 class FullState:
     """Heat in every node."""
 
-    theta: Complex  #: (modes, size) theta (``copper.py``) of the Fourier modes
+    theta: Complex  #: (modes, size) theta (``heat_model.py``) of the Fourier modes
     heat: Complex  #: (modes, size) mass matrix times the heat stored in a volume since ambient
     #: place of the tool
     angle_rad: float = 0.0

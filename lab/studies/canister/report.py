@@ -90,7 +90,7 @@ def worst_copper(copper: Mapping[str, Any], model: str, phase: str) -> list[floa
 
 def content_of(validation: Mapping[str, Any], copper: Mapping[str, Any]) -> dict[str, Any]:
     """Content of the page: figures, and all tables by name."""
-    gain, lag_s = validation["steps"]["lid"]["lags"]["120"]
+    gain, lag_s = validation["steps"]["lid"]["lag"]
     reduced, weld = validation["reduced"], validation["weld"]
     named = ("states", "element_mm", "modes", "largest_c", "rms_c", "fine_states", "from_fine_c")
     return {

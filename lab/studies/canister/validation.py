@@ -1,6 +1,6 @@
-"""What identification finds on a weld in heat, early and late, at the lid and the joint line.
+"""All that the study measures: identification in heat, steps, needed power, and the reductions.
 
-Steps; needed power.
+:func:`validation` is the plant's, :func:`properties` the error of linear copper.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from canister.full import exact_stir_zone_c
+from canister.full import FullCanister, exact_stir_zone_c
 from fsw_analysis.changes import part
 from fsw_analysis.weld_signals import FloatArray, WeldSignals
 from fsw_control.weld import TICK_S
@@ -40,14 +40,14 @@ PLACES = {"lid": 74.35, "joint line": 0.0}
 TIMES_S = {"early": 180.0, "late": 2100.0}
 #: time constant of the drives, as ``fsw.py identify`` assumes
 _DRIVE_LAG_S = 0.02
-_FITTED_S, _LONGEST_S = (60.0, 120.0, 300.0), 600.0
+#: time after a step to which the single lag is fitted, and for which the step is followed
+_FITTED_S, _LONGEST_S = 120.0, 600.0
 STEP_TIMES_S = (5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0)
 _SPEED_MM_PER_S = 86.0 / 60.0
 _CONTROLLER = "decentral:tight"
 _TRAVERSED, _EXPERIMENT = "canister_weld_heat", "identify_heat"
-#: ticks for which power, speed and height are held in the comparison with all finite elements, and
-#: every which is kept
-_HELD_TICKS, _SHOWN = 5, 10
+#: ticks for which power, speed and height are held in the comparison with all finite elements
+_HELD_TICKS = 5
 #: elements and modes of the campaign
 COARSE = ("plant.canister.element_mm=12.0", "plant.canister.modes=64")
 #: of the plant's model: tolerances, traverse speeds and time for which it is put beside the
@@ -57,6 +57,16 @@ _TOLERANCES_K, _TRAVERSES_MM_PER_MIN, _COMPARED_S = (
     (0.0, 43.0, 86.0, 172.0),
     1200,
 )
+#: constant power [kW] and length of a step [s]
+POWER_KW, _STEP_S = 47.0, 4.0
+#: mesh and modes for the copper as it is: all three models have the same
+_COARSE = {"element_mm": 12.0, "modes": 64}
+#: models of the copper, by the name in the results
+MODELS = {
+    "real": ("kirchhoff", True),
+    "kirchhoff": ("kirchhoff", False),
+    "constant": ("constant", False),
+}
 
 
 def run(scenario: Scenario, controller: str) -> WeldSignals:
@@ -140,7 +150,7 @@ def steps() -> dict[str, dict[str, Any]]:
     responses: dict[str, dict[str, Any]] = {
         name: {
             "rise_c": {f"{t:g}": float(course[round(t / TICK_S) - 1]) for t in STEP_TIMES_S},
-            "lags": {f"{t:g}": one_lag(course, t) for t in _FITTED_S},
+            "lag": one_lag(course, _FITTED_S),
         }
         for name, course in courses.items()
     }
@@ -235,13 +245,13 @@ def reduced_against_full(
     dt_s = _HELD_TICKS * TICK_S
     seen = stir_zone_c(canister, course, dt_s)
     wrong_c = seen - exact_stir_zone_c(parameters, course, dt_s, progress)
-    minutes = dt_s * (np.arange(wrong_c.size) + 1 - before) / 60.0
+    at_s = dt_s * (np.arange(wrong_c.size) + 1 - before)
     phases = [
         ("heating-up", -before * dt_s, 0.0),
         *spans(scenario.phases, signals.n_ticks * TICK_S),
     ]
     inside = {
-        name: (60.0 * minutes > a + 1e-6) & (60.0 * minutes <= b + 1e-6) for name, a, b in phases
+        name: (at_s > begin_s + 1e-6) & (at_s <= end_s + 1e-6) for name, begin_s, end_s in phases
     }
     return {
         "element_mm": parameters.element_mm,
@@ -252,8 +262,6 @@ def reduced_against_full(
         "largest_c": float(np.abs(wrong_c).max()),
         "rms_c": float(np.sqrt(np.mean(wrong_c**2))),
         "phases_c": {name: float(np.abs(wrong_c[at]).max()) for name, at in inside.items()},
-        "minutes": minutes[::_SHOWN].round(4).tolist(),
-        "wrong_c": wrong_c[::_SHOWN].round(4).tolist(),
     }
 
 
@@ -328,3 +336,53 @@ def validation(
         if progress is not None:
             progress(0.5 + 0.5 * (i + 1) / len(experiments))
     return result
+
+
+def properties(
+    minutes: float,
+    progress: Callable[[float], None] | None = None,
+    changes: dict[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Temperatures of the stir zone along the whole weld's path, with constant power from cold.
+
+    Of each step ``at_s``, ``phase`` and, by model, ``stir_zone_c``. ``changes`` are parameters of
+    the canister instead of the scenario's.
+    """
+    scenario = scenario_file.load(_TRAVERSED)
+    config = PlantConfig.from_values(scenario.plant)
+    assert config.canister is not None
+    parameters = config.canister.changed(**{**_COARSE, **(changes or {})})
+    path = ToolPath.of(scenario.path, config)
+    starts_s = [k * _STEP_S for k in range(round(60.0 * minutes / _STEP_S))]
+    result: dict[str, Any] = {
+        "power_kw": POWER_KW,
+        "reference_c": parameters.reference_c,
+        "stir_zone_c": {},
+    }
+    phases = spans(scenario.phases)
+    result["at_s"] = [at_s + _STEP_S for at_s in starts_s]
+    result["phase"] = [
+        next((n for n, a, b in phases if a < t <= b + 1e-6), phases[-1][0]) for t in result["at_s"]
+    ]
+    for number, (name, (kind, nonlinear)) in enumerate(MODELS.items()):
+
+        def report(share: float, done: int = number) -> None:
+            if progress is not None:
+                progress((done + share) / len(MODELS))
+
+        full = FullCanister(parameters.changed(properties=kind), _STEP_S, nonlinear)
+        result["stir_zone_c"][name] = _course(full, path, starts_s, report)
+    return result
+
+
+def _course(
+    full: FullCanister, path: ToolPath, starts_s: list[float], progress: Callable[[float], None]
+) -> list[float]:
+    """The stir zone at the ends of the steps; within one the tool is where it is in its middle."""
+    state, temperatures_c = full.initial(axial_mm=path.motion(0.0).axial_mm), []
+    for k, at_s in enumerate(starts_s):
+        middle = path.motion(at_s + 0.5 * _STEP_S)
+        state = full.step(state, POWER_KW, middle.traverse_mm_per_s, middle.axial_mm)
+        temperatures_c.append(round(full.stir_zone_temperature_c(state), 2))
+        progress((k + 1) / len(starts_s))
+    return temperatures_c

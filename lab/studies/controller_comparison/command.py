@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from controller_comparison import figures, other_models, report, sensing, study
+from controller_comparison import figures, report, sensing, study
 from controller_comparison.optimum import bounds
 from controller_comparison.processes import SWEEP
 from fsw_analysis.report import numbers as in_lines
@@ -80,7 +80,7 @@ def main() -> int:
         numbers.write_text(in_lines(measure(out, arguments)), encoding="utf-8")
     models = out / "other_models.json"
     if arguments.models > 0 and not arguments.page:
-        models.write_text(in_lines(other_models.study(arguments.models)), encoding="utf-8")
+        models.write_text(in_lines(study.other_models(arguments.models)), encoding="utf-8")
     if numbers.exists():
         data = json.loads(numbers.read_text(encoding="utf-8"))
         draw(data, out)

@@ -91,6 +91,17 @@ RANDOM_SENSING = RANDOM | {
     "sensors.temperature_lag_s": (0.0, 3.0),
 }
 
+#: Ranges of the factors of other models, for which each controller is tuned.
+MODELS = {
+    "thermal_gain_c_per_kw": (0.6, 1.7),
+    "depth_gain_mm_per_kn_s": (0.6, 1.7),
+    "copper_lag_s": (0.5, 2.0),
+    "tool_lag_s": (0.5, 2.0),
+    "depth_zero_s": (0.5, 2.0),
+    "depth_pole_slow_s": (0.5, 2.0),
+    "dead_time_s": (1.8 / DEAD_TIME_S, 4.0 / DEAD_TIME_S),
+}
+
 
 def random_factors(
     count: int, spans: Mapping[str, tuple[float, float]] = RANDOM, seed: int = 2026

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -15,6 +16,7 @@ import yaml
 from controller_comparison.processes import (
     BELOW_NOISE,
     FIXED,
+    MODELS,
     RANDOM,
     REST,
     SWEEP,
@@ -23,10 +25,12 @@ from controller_comparison.processes import (
 )
 from fsw.console import ProgressBar
 from fsw_analysis.kpi_table import ROWS
+from fsw_model import nominal as paper_model
 from fsw_tuning import standard_runs
 from fsw_tuning.margins import Loops, slower_for
 from fsw_tuning.standard_cases import CASES, CONSERVATIVE, DEFAULT, SMITH, TIGHT
 from fsw_tuning.standard_runs import JUDGED, Figures, Job, failed
+from fsw_tuning.tune_decentral import NAMES, tune
 
 DECENTRALIZED = (CONSERVATIVE, TIGHT)
 CONTROLLERS = (*DECENTRALIZED, SMITH, "nmpc:paper", DEFAULT)
@@ -282,4 +286,43 @@ def wins() -> dict[str, Any]:
                 data["losses"].append(
                     [name, Path(case).stem, noise, title, own / best if best > 0.0 else math.inf]
                 )
+    return data
+
+
+def on_model(factors: dict[str, float], evaluations: int) -> dict[str, Any]:
+    """Tune for one model and run all three controllers on it, without noise.
+
+    The judged figures by controller.
+    """
+    parameters = paper_model().scaled(**factors)
+    plant = {f"factors.{name}": factor for name, factor in factors.items()}
+    with TemporaryDirectory() as scratch:
+        file = Path(scratch) / "model.yaml"
+        file.write_text(yaml.safe_dump(dict(parameters)), encoding="utf-8")
+        own: dict[str, dict[str, Any]] = {
+            f"decentral:{name}": dict(tune(name, parameters, evaluations)) for name in NAMES
+        }
+        own[DEFAULT] = {"model_file": str(file)}
+        return {
+            label: standard_runs.judged(
+                {
+                    case: standard_runs.figures(Job(label, case, plant=plant, parameters=values))
+                    for case in CASES
+                }
+            )
+            for label, values in own.items()
+        }
+
+
+def other_models(count: int) -> dict[str, Any]:
+    """`on_model` on `count` models, on all cores, with 600 evaluations of each search."""
+    data = {}
+    drawn = random_factors(count, MODELS)
+    with ProgressBar("other models", count) as bar:
+        for i, runs in enumerate(
+            standard_runs.on_all_cores(partial(on_model, evaluations=600), drawn), start=1
+        ):
+            runs[DEFAULT]["factors"] = drawn[i - 1]
+            data[f"{i}"] = runs
+            bar(i)
     return data

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fsw_analysis.weld_signals import WeldSignals
 from fsw_campaign.definition import Campaign, Entrant, load
 from fsw_campaign.distributions import Normal
-from fsw_campaign.software import versions
+from fsw_campaign.welds import versions
 from fsw_control.schema.models import InputError
 from fsw_control.weld import TICK_S
 from fsw_plant import PlantConfig

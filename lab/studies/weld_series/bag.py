@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from fsw_analysis.messages import SENSOR_TOPICS
 from fsw_analysis.weld_signals import MM, TruthSignals, WeldSignals
-from fsw_campaign.programme_signals import progress
+from fsw_campaign.welds import progress
 from fsw_control.cause import Cause
 from fsw_control.reason import Reason
 from fsw_control.sensors import REQUIRED, SENSORS

@@ -11,10 +11,10 @@ import yaml
 
 from fsw_analysis.procedure import Procedure
 from fsw_analysis.weld_signals import WeldSignals
-from fsw_campaign.programme_signals import progress
+from fsw_campaign.welds import progress
 from fsw_control.cause import RequestKind
 from fsw_control.parameters import validate
-from fsw_control.schema.files import replacing
+from fsw_control.schema.files import write_whole
 from fsw_control.weld import TICK_S
 from fsw_quality import history, record, report
 from fsw_quality.monitor import Monitor
@@ -154,8 +154,8 @@ def judged(number: int, folder: Path, end_deg: float = WHOLE_DEG) -> history.Row
     place = folder / "welds" / name
     row_file, page = place / ROW, place / "record" / report.JSON
     if row_file.is_file():
-        known: history.Row = json.loads(row_file.read_text(encoding="utf-8"))
-        return known
+        kept: history.Row = json.loads(row_file.read_text(encoding="utf-8"))
+        return kept
     if not (place / "bag" / METADATA_NAME).exists():
         shutil.rmtree(place, ignore_errors=True)
         _weld_to_bag(number, name, place / "bag", end_deg)
@@ -168,11 +168,8 @@ def judged(number: int, folder: Path, end_deg: float = WHOLE_DEG) -> history.Row
     row = history.row(
         name, signals, watched, signals.custom, str(made.verdict), made.data_files, made.procedure
     )
-    with replacing(row_file) as scratch:
-        text = json.dumps(
-            {key: None if value != value else value for key, value in row.items()}, indent=1
-        )
-        scratch.write_text(text, encoding="utf-8")
+    known = {key: None if value != value else value for key, value in row.items()}
+    write_whole(row_file, json.dumps(known, indent=1))
     return row
 
 

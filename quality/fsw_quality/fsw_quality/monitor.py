@@ -19,7 +19,6 @@ from fsw_control.sensors import REQUIRED
 from fsw_control.weld import TICK_S
 from fsw_model import ModelParameters, nominal
 from fsw_quality.diagnosis import Estimate, Finding, NotJudged, WatchCause
-from fsw_quality.drive_watch import DriveWatch
 from fsw_quality.likelihood import (
     DEPTH_NOISE,
     OFFSET,
@@ -30,7 +29,7 @@ from fsw_quality.likelihood import (
     default_covariance,
 )
 from fsw_quality.residuals import DEPTH, HEAT, TORQUE, Gains, ModelResiduals, Values
-from fsw_quality.sensor_health import LEARN_S, Detached, SensorHealth
+from fsw_quality.sensor_health import LEARN_S, Detached, DriveWatch, SensorHealth
 from fsw_quality.signatures import OF_HEAT, SIZES, Onset, signatures
 
 PROCESSES = "paper", "canister"

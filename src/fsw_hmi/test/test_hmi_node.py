@@ -20,7 +20,7 @@ from rclpy.serialization import serialize_message
 
 from fsw_analysis.rule_book import default
 from fsw_control import messages_ros as convert
-from fsw_control.cause import AlarmChange
+from fsw_control.cause import AlarmChange, RequestKind
 from fsw_control.contract import Command, Diagnosis, Proposal, Reference
 from fsw_control.heat_plan import SHARE_NAME
 from fsw_control.heat_plan import HeatPlan as HeatPlanData

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from canister import command, properties, report, validation
+from canister import command, report, validation
 
 from fsw_analysis.report import templates
 from fsw_control.schema.models import InputError
@@ -118,9 +118,9 @@ def test_linear_models_are_compared_with_nonlinear_copper():
         "skfem", reason="scikit-fem is not installed: pip install -r requirements/canister.lock"
     )
     small = {"outer_radius_mm": 250.0, "tube_mm": 400.0, "modes": 25, "element_mm": 12.5}
-    rows = properties.properties(0.5, changes=small)
+    rows = validation.properties(0.5, changes=small)
     real, transformed, constant = (
-        np.array(rows["stir_zone_c"][name]) for name in properties.MODELS
+        np.array(rows["stir_zone_c"][name]) for name in validation.MODELS
     )
     assert rows["at_s"][-1] == 28.0 or rows["at_s"][-1] == 32.0
     assert set(rows["phase"]) == {"dwell"}
@@ -143,7 +143,7 @@ def test_published_page_is_that_of_the_published_numbers():
 def test_the_page_is_written(tmp_path):
     lags = {
         "rise_c": dict.fromkeys(("5", "10", "30", "60", "120", "300", "600"), 1.0),
-        "lags": {"120": (18.1, 30.5)},
+        "lag": (18.1, 30.5),
     }
     weld = {
         "minutes_kw": [50.0] * 45,
@@ -161,7 +161,6 @@ def test_the_page_is_written(tmp_path):
         "modes": 64,
         "from_fine_c": 0.1,
     }
-    reduced |= {"minutes": [0.0, 45.0], "wrong_c": [0.1, -0.1]}
     validated = {
         "reduced": reduced,
         "steps": {"paper (16)": lags, "lid": lags},
@@ -205,7 +204,7 @@ def test_benchmark_of_learned_heat_has_figures_and_a_page_of_all_its_welds(monke
     profiles = {(kind, n): profile for kind in (0, 1, 2, 3) for n in numbers}
     monkeypatch.setattr(heat, "measured", made)
     monkeypatch.setattr(
-        heat, "on_all_cores", lambda function, jobs: (function(job) for job in jobs)
+        heat._benchmark, "each", lambda function, jobs, name="": [function(job) for job in jobs]
     )
     monkeypatch.setattr(heat, "MEASURED", (500,))
     monkeypatch.setattr(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from controller_comparison import figures as comparison_figures
-from controller_comparison import other_models, report, sensing, study
+from controller_comparison import report, sensing, study
 from controller_comparison.optimum import Clairvoyant, courses
-from controller_comparison.processes import INPUT_DISTURBANCES, SENSING, random_factors
+from controller_comparison.processes import INPUT_DISTURBANCES, MODELS, SENSING, random_factors
 from controller_comparison.study import CONTROLLERS, DECENTRALIZED
 from fsw_control.weld import DEPTH_MM, TEMPERATURE_C
 from fsw_tuning.margins import Loops
@@ -159,9 +159,9 @@ def test_sensors_are_compared_in_means_of_welds():
 
 @pytest.mark.full
 def test_the_tuning_by_rule_is_calm_on_another_model():
-    factors = random_factors(2, other_models.FACTORS)[1]
-    assert all(low <= factors[name] <= high for name, (low, high) in other_models.FACTORS.items())
-    compared = other_models.compare(factors, evaluations=25)
+    factors = random_factors(2, MODELS)[1]
+    assert all(low <= factors[name] <= high for name, (low, high) in MODELS.items())
+    compared = study.on_model(factors, evaluations=25)
     assert not compared[DEFAULT]["swings"]
     for key in ("tracking iae_temperature_c_s", "disturbances iae_temperature_c_s"):
         assert compared[DEFAULT][key] < min(compared[label][key] for label in DECENTRALIZED)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fsw_heat.copper import DENSITY_KG_PER_M3, Kirchhoff, conductivity, heat_capacity
+from fsw_heat.heat_model import DENSITY_KG_PER_M3, Kirchhoff, conductivity, heat_capacity
 from fsw_plant.canister import CanisterParameters
 
 
