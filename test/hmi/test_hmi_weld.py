@@ -161,8 +161,7 @@ def junk_from_strangers(weld):
         with Page(weld.url) as stranger:
             stranger.socket.send(text)
             stranger.socket.send(text.encode())
-            stranger.send("safe_stop")
-            assert stranger.until("answer", lambda frame: frame["id"] == 1)["outcome"] == "refused"
+            assert stranger.ask("safe_stop")["outcome"] == "refused"
 
 
 @pytest.mark.requirement("S18")
