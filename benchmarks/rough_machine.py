@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import _benchmark
 import numpy as np
-from identification_welds import welded
+from identification import welded
 
 import fsw
 from controller_comparison.processes import random_factors
