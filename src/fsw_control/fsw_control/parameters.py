@@ -138,7 +138,8 @@ def validate(model: ParameterModel, values: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _flat(group: Model, prefix: str) -> Iterator[tuple[str, Any]]:
-    for name, value in group:
+    for name in type(group).model_fields:
+        value = getattr(group, name)
         if isinstance(value, Model):
             yield from _flat(value, f"{prefix}{name}.")
         else:

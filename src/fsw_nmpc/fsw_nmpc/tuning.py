@@ -217,8 +217,9 @@ class Tuning(Model):
     second_solve_distance: NonNegativeFloat = 0.5
     """the problem is solved again about its solution if the first move is further from the
     expected one, in largest moves"""
-    second_solve_iterations: Annotated[Whole, Field(ge=0)] = 12
-    """but not after a first solve of more iterations: the second one would exceed the tick"""
+    second_solve_iterations: Annotated[Whole, Field(ge=0, le=200)] = 12
+    """most iterations of the first solve after which it is solved again: after more, the second
+    solve could exceed the tick"""
     tolerance: NonNegativeFloat = 1e-6
     """of the solver: complementarity gap relative to 1 + |cost|"""
     approach: ApproachTuning = ApproachTuning()

@@ -254,11 +254,19 @@ class _Files:
         self._descriptor = _make_folder(folder)
         try:
             self._reserve = _reserved(folder)
-            self.current()
         except OSError as error:
             self.close()
             shutil.rmtree(folder, ignore_errors=True)
             raise BagError(f"{folder}: cannot be written: {error.strerror}") from None
+        try:
+            self.current()
+        except BaseException as error:
+            self._reserve.close()
+            self.close()
+            shutil.rmtree(folder, ignore_errors=True)
+            if isinstance(error, OSError):
+                raise BagError(f"{folder}: cannot be written: {error.strerror}") from None
+            raise
 
     def current(self) -> BagFile:
         """The file being written; opened on demand."""

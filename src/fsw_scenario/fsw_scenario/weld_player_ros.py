@@ -120,8 +120,10 @@ class WeldPlayer:
 
     def abort(self, who: str = "") -> Answer:
         """Abort the weld and request the safe stop, for an operator."""
-        self._stop.who = self._stop.who or who
-        return self.machine.abort() if self._programme is None else self._programme.abort()
+        answer = self.machine.abort() if self._programme is None else self._programme.abort()
+        if answer.ok:
+            self._stop.who = who
+        return answer
 
     @property
     def controller(self) -> str:

@@ -23,8 +23,8 @@ from fsw_supervisor.tick import Decision, Tick
 LISTEN_S = 0.25
 #: the same if another node publishes commands but none has arrived yet [s]
 _LISTEN_LONG_S = 1.0
-#: the same on standby, where a leader is expected [s] (chosen: more than one process of a graph
-#: lags behind another at the start)
+#: the same on standby, where a leader is expected [s] (chosen: longer than a process of
+#: a graph lags behind another at the start)
 _LISTEN_STANDBY_S = 5.0
 #: a process that was not called for so long has not listened [s] (chosen: ten of its looks)
 _DEAF_S = 2.0
@@ -146,8 +146,9 @@ class Failover:
 
     def pass_on(self, decisions: list[Decision], now_s: float) -> list[Decision]:
         """Return what may be published; call it with the decisions of each call of the arbiter."""
-        # On a busy machine a start, or a pause, may last longer than the listening time. What has
-        # arrived meanwhile, and who is in the graph, is not known yet.
+        # After so long a start or pause, what has arrived meanwhile, and who is in the graph, is
+        # not known yet. A shorter start may use up the listening time: then two may begin as
+        # leaders, and neither sends before the actuator end's first report, which decides.
         if self._leader_heard or now_s - self._called_s > _DEAF_S:
             self._listening_since_s = now_s
         self._called_s = now_s

@@ -166,8 +166,9 @@ class OperatorServices:
 
 
 def _who(request: Any) -> str:
-    """Origin of a request, for the record."""
-    return request.who[:_LONGEST_NAME] or "operator"
+    """Origin of a request, for the record: a text of one line."""
+    shown = "".join(letter if letter.isprintable() else " " for letter in request.who)
+    return " ".join(shown.split())[:_LONGEST_NAME] or "operator"
 
 
 def _served(answer: Callable[[Any], Awaitable[Answer]]) -> Callable[[Any, Any], Awaitable[Any]]:

@@ -328,6 +328,10 @@ def test_modes_by_service(bench):
     bench.until(lambda: bench.peer.commands[-1].source == "decentral")
     bench.until(lambda: bench.peer.states[-1].who == "operator")
     assert bench.call(bench.peer.listing, ListControllers.Request()).mode == "auto"
+    forged = SetMode.Request(mode="hold", who="anna\n[ERROR]\x1b[2J " + "x" * 500)
+    assert bench.call(bench.peer.modes, forged).ok
+    bench.until(lambda: bench.peer.states[-1].who.startswith("anna [ERROR]"))
+    assert bench.peer.states[-1].who.isprintable() and len(bench.peer.states[-1].who) <= 100
 
 
 def test_a_third_controller_appears_by_itself_and_leaves(bench, capfd):

@@ -314,6 +314,14 @@ def test_limits_that_are_set_are_the_ones_that_hold():
     assert limits.clip(Command(0.0, 0.0), None) == Command(61.0, 310.0)
 
 
+def test_settings_whose_limits_were_used_can_be_changed():
+    settings = SupervisorParameters()
+    assert settings.drive_limits.force_max_kn == settings.limits.force_max_kn
+    changed = settings.changed(limits=settings.limits.changed(force_max_kn=90.0))
+    assert changed.drive_limits.force_max_kn == 90.0
+    assert settings.flat() == SupervisorParameters().flat()
+
+
 def test_a_leader_is_given_time_to_decide_before_its_tick_counts_as_unanswered():
     settings = SupervisorParameters.from_values({"deadline_s": 0.06, "lockstep_deadline_s": 2.0})
     assert settings.takeover_s(lockstep=False) == pytest.approx(0.09)

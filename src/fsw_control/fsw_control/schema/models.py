@@ -82,7 +82,9 @@ class Model(BaseModel):
 
     def changed(self, **values: Any) -> Self:
         """Return a copy with some fields changed, validated; errors as in :func:`validate`."""
-        return validate(type(self), dict(self) | values, type(self).__name__)
+        # the fields only: a cached property is kept beside them
+        present = {name: getattr(self, name) for name in type(self).model_fields}
+        return validate(type(self), present | values, type(self).__name__)
 
 
 class Parameters(Model):

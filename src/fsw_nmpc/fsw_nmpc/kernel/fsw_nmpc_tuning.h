@@ -158,7 +158,8 @@ typedef struct {
   double blind_limit_s;
   /* reference trajectory: approach, constant, cold_start, recentred or recentred_ahead */
   int trajectory;
-  /* but not after a first solve of more iterations: the second one would exceed the tick */
+  /* most iterations of the first solve after which it is solved again: after more, the second
+   * solve could exceed the tick */
   int second_solve_iterations;
   int priority;
   int max_iterations;
