@@ -85,6 +85,8 @@ def main() -> int:
         data = json.loads(numbers.read_text(encoding="utf-8"))
         draw(data, out)
         shown_file.write_text(in_lines(report.tables(data)), encoding="utf-8")
+    if not shown_file.exists():
+        parser.error(f"{out} has no numbers of a run; run it without --page first")
     shown = json.loads(shown_file.read_text(encoding="utf-8"))
     if models.exists() and not arguments.quick:
         shown["other_models"] = json.loads(models.read_text(encoding="utf-8"))

@@ -277,6 +277,7 @@ class ControlRoom:
         if not user:
             return self._wrong_login(session, login.name, now_s)
         if session.name != user:
+            session.answers.clear()
             # what one person has, another does not get by a login
             self._free(session, Fact.of(Loss.OTHER_LOGIN, user=user))
         session.name, session.note = user, None

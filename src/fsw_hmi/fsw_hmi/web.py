@@ -170,6 +170,8 @@ class LivePage:
             return HTMLResponse(await run_in_threadpool(make))
         except InputError as error:
             return PlainTextResponse(f"{error}\n", 404)
+        except Exception as error:  # another distribution's: it may fail in any way
+            return PlainTextResponse(f"the page cannot be made: {error!r}\n", 500)
 
     async def _on_open(self, socket: WebSocket) -> None:
         await socket.accept()

@@ -150,5 +150,8 @@ class Awake:
 
     def age_s(self, came_s: float, now_s: float) -> float:
         """How long something that came at a time has been awaited since."""
-        stood_s = sum(late_s for end_s, late_s in self._delays if end_s > came_s)
+        # of a delay, no more than what of it came after: the look that ends one comes later
+        stood_s = sum(
+            min(late_s, end_s - came_s) for end_s, late_s in self._delays if end_s > came_s
+        )
         return max(0.0, now_s - came_s - stood_s)

@@ -33,6 +33,23 @@ class Services:
         self.future.cancel()
 
 
+def test_request_after_a_pause_that_is_not_noted_yet_waits_no_longer(monkeypatch):
+    now = SimpleNamespace(monotonic=lambda: now.s, s=100.0)
+    monkeypatch.setattr(orders_ros, "time", now)
+    awake, answers = Awake(), []
+    orders = Orders(Services(), awake)
+    awake.look(now.s)
+    now.s += 3.0 * PATIENCE_S
+    action = SetReference(depth_mm=2.7, temperature_c=820.0)
+    orders.carry_out(action, "", answers.append, PATIENCE_S)
+    begun_s = now.s
+    while not answers:
+        now.s += 0.05
+        awake.look(now.s)
+        orders.look()
+    assert now.s - begun_s == pytest.approx(PATIENCE_S, abs=0.11)
+
+
 @pytest.mark.parametrize(("stood_still", "outcome"), [(True, "done"), (False, "timed_out")])
 def test_answer_that_came_while_the_page_stood_still_counts(monkeypatch, stood_still, outcome):
     now = SimpleNamespace(monotonic=lambda: now.s, s=100.0)
