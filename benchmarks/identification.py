@@ -124,7 +124,7 @@ def welded(name, plant, event=None):
     """A closed-loop weld with these parameters of the plant."""
     content = content_of(text_of(name))
     if event is not None:
-        content["events"] = sorted([*content["events"], event], key=lambda one: one["at_s"])
+        content["events"] = sorted([*content["events"], event], key=lambda entry: entry["at_s"])
     return fsw.simulate(content, "decentral:conservative", plant=plant)
 
 
