@@ -553,9 +553,9 @@ def test_page_of_solvers_names_those_closer_than_twice_the_time(
     assert "Not measured here" not in text
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines()]
     ticks = {row[0]: row[1:] for row in rows if len(row) == 5}
-    assert ticks["acados, full condensing, HPIPM"] == ["", "", "", "3"]
+    assert sum(cells == ["", "", "", "3"] for cells in ticks.values()) == 3
     assert ticks["this project's"][-1] == "1"
-    assert text.count("0.75 / 1.25") == 9 and text.count("0.013 of the largest move") == 3
+    assert text.count("0.75 / 1.25") == 9 and text.count("differs by 0.013 ") == 3
 
 
 def test_a_formula_wider_than_the_page_scrolls_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
