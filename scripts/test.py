@@ -19,6 +19,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 
 from _bootstrap import (
     NEWER_TEST_EXTRAS,
@@ -95,6 +96,25 @@ def rewrite_assertions() -> None:
         process.wait()
 
 
+def lint() -> list[int]:
+    """Exit codes of lint, types and documentation, which is built beside the others."""
+    from _page_lint import lint as lint_page  # not needed for --help
+
+    build = [sys.executable, str(WORKSPACE / "scripts" / "build_docs.py"), "--check"]
+    with tempfile.TemporaryFile() as said:
+        docs = subprocess.Popen(build, stdout=said, stderr=subprocess.STDOUT)
+        codes = [
+            run("ruff check", "ruff", "check", "."),
+            run("ruff format", "ruff", "format", "--check", "."),
+            run("mypy", "mypy"),
+            lint_page(),
+            docs.wait(),
+        ]
+        said.seek(0)
+        print("== documentation\n" + said.read().decode(), end="", flush=True)
+    return codes
+
+
 def main() -> int:
     """Run what was asked for; the exit code is the first that is not 0."""
     signal.signal(
@@ -122,18 +142,7 @@ def main() -> int:
         return run("pytest with the oldest supported versions", "pytest", "-m", chosen, *given)
     if "--lint" in arguments:
         arguments.remove("--lint")
-        codes.append(run("ruff check", "ruff", "check", "."))
-        codes.append(run("ruff format", "ruff", "format", "--check", "."))
-        codes.append(run("mypy", "mypy"))
-        from _page_lint import lint  # not needed for --help, which needs nothing but this file
-
-        codes.append(lint())
-        print("== documentation", flush=True)
-        codes.append(
-            subprocess.run(
-                [sys.executable, WORKSPACE / "scripts" / "build_docs.py", "--check"]
-            ).returncode
-        )
+        codes += lint()
     arguments = [argument for argument in arguments if argument not in ("--full", "--fast")]
     if arguments or fast:
         codes.append(

@@ -86,30 +86,36 @@ def test_a_test_that_holds_the_interpreters_lock_for_ever_ends_the_run(tmp_path)
     assert 'test_last.py", line 5 in test_stuck' in ended.stderr
 
 
-def test_lines_are_counted_now_and_at_another_revision():
-    ran = run("count_lines", "HEAD")
-    assert ran.returncode == 0 and ran.stderr == ""
-    packages, sums, _ = ran.stdout.split("\n\n")
-    rows = {
-        tuple(words[:2]): list(map(int, words[2:5]))
-        for words in map(str.split, packages.splitlines())
+def test_lines_are_counted_now_and_at_another_revision(tmp_path, monkeypatch, capsys):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    counter = importlib.import_module("count_lines")
+    monkeypatch.setattr(counter, "WORKSPACE", tmp_path)
+    texts = {
+        "src/fsw_a/fsw_a/part.py": '"""What it is."""\n\nx = (\n    1\n)  # a remark\n',
+        "src/fsw_a/fsw_a/kernel/part.c": "/* a\n   remark */\nint x = 1;\n",
+        "src/fsw_a/test/test_part.py": "x = 1\n",
+        "lab/studies/canister/part.py": "x = 1\ny = 2\n",
     }
-    assert all(now == before + more for now, before, more in rows.values())
-    assert {
-        ("src/fsw_control", "Python"),
-        ("src/fsw_nmpc", "C"),
-        ("lab/studies/canister", "Python"),
-    } <= rows.keys()
-    core = next(
-        words for words in map(str.split, sums.splitlines()) if words[:2] == ["core", "Python"]
-    )
-    assert int(core[2]) == sum(
-        now
-        for (name, language), (now, *_) in rows.items()
-        if name[:4] == "src/" and language == "Python"
-    )
-    ran = run("count_lines", "no_such_revision")
-    assert ran.returncode == 2 and "Traceback" not in ran.stderr
+    for name, text in texts.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b"]
+    for words in (["init", "-q"], ["add", "."], ["commit", "-q", "-m", "first"]):
+        subprocess.run([*git, *words], check=True)
+    with (tmp_path / "src/fsw_a/fsw_a/part.py").open("a", encoding="utf-8") as file:
+        file.write("# another remark\ny = 2\n")
+    monkeypatch.setattr(sys, "argv", ["count_lines.py", "HEAD"])
+    assert counter.main() == 0
+    packages, sums, _ = capsys.readouterr().out.split("\n\n")
+    rows = {tuple(line.split()[:2]): line.split()[2:] for line in packages.splitlines()}
+    assert rows == {
+        ("lab/studies/canister", "Python"): ["2", "2", "+0"],
+        ("src/fsw_a", "C"): ["1", "1", "+0"],
+        ("src/fsw_a", "Python"): ["4", "3", "+1"],
+    }
+    assert ["core", "Python", "4", "3", "+1", "20000"] in map(str.split, sums.splitlines())
+    monkeypatch.setattr(sys, "argv", ["count_lines.py", "no_such_revision"])
+    assert counter.main() == 2
 
 
 @pytest.mark.parametrize(
