@@ -10,7 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -251,22 +251,16 @@ class _Files:
             load_private(Path(options.signing_key).expanduser()) if options.signing_key else None
         )
         self._last_sync = time.monotonic()
-        self._descriptor = _make_folder(folder)
-        try:
-            self._reserve = _reserved(folder)
-        except OSError as error:
-            self.close()
-            shutil.rmtree(folder, ignore_errors=True)
-            raise BagError(f"{folder}: cannot be written: {error.strerror}") from None
-        try:
-            self.current()
-        except BaseException as error:
-            self._reserve.close()
-            self.close()
-            shutil.rmtree(folder, ignore_errors=True)
-            if isinstance(error, OSError):
+        with ExitStack() as undo:  # a bag that cannot begin leaves nothing
+            self._descriptor = _make_folder(folder)
+            undo.callback(shutil.rmtree, folder, ignore_errors=True)
+            undo.callback(self.close)
+            try:
+                self._reserve = undo.enter_context(_reserved(folder))
+                self.current()
+            except OSError as error:
                 raise BagError(f"{folder}: cannot be written: {error.strerror}") from None
-            raise
+            undo.pop_all()
 
     def current(self) -> BagFile:
         """The file being written; opened on demand."""
